@@ -1,0 +1,1 @@
+"""The console: map editor, monitor and tuning, for a browser."""

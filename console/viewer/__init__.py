@@ -1,0 +1,1 @@
+"""The 3D scene: viser, mounted inside the console's own application."""

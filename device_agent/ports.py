@@ -1,0 +1,57 @@
+"""Where the outside world meets the loop: one small Protocol for each kind of hardware.
+
+Adapters live in ``device_agent.adapters`` (hardware, recordings, fakes) and ``device_agent.simulation``. An adapter
+gives something fresh or raises SensorError; it never gives what is old as if it were new.
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from navcore.cues.table import Cue
+from navcore.types import CameraIntrinsics, Frame, SonarReading
+
+
+class Clock(Protocol):
+    """Time, injected, so that a walk can run faster than real time and a test can stand still."""
+
+    def now_s(self) -> float:
+        """Seconds on a steady scale; the scale that all stamps of this device use."""
+        ...
+
+    def sleep_until(self, stamp_s: float) -> None:
+        """Return when ``now_s()`` has reached ``stamp_s``."""
+        ...
+
+
+class DepthCamera(Protocol):
+    """A camera that gives colour with registered depth."""
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics: ...
+
+    def read(self) -> Frame:
+        """Wait for the next capture and return it. Raises SensorError when none comes, or it is not fresh."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Sonar(Protocol):
+    """An ultrasonic rangefinder that looks where the camera looks."""
+
+    def read(self) -> SonarReading:
+        """Return the latest reading without waiting; its state says STALE or ABSENT where there is none."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class CueOutput(Protocol):
+    """Whatever lets the walker hear (or see) a cue."""
+
+    def play(self, cue: Cue) -> None:
+        """Begin the cue now; one that is playing is cut off. Never blocks longer than handing it over takes."""
+        ...
+
+    def close(self) -> None: ...

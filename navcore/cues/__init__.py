@@ -1,0 +1,1 @@
+"""What the walker hears and sees."""

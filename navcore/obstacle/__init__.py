@@ -1,0 +1,1 @@
+"""Which directions are walkable, from the depth image (the paper's reference [13])."""

@@ -1,0 +1,1 @@
+"""PoI-graph and way finding (paper IV-A, IV-B)."""

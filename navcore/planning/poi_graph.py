@@ -1,0 +1,61 @@
+"""The PoI-graph (paper IV-A): places of interest on the virtual blind road, and the pieces of road between them.
+
+Values only: a graph is never changed, an edit makes a new one (see :mod:`navcore.planning.edits`). A PoI snaps to
+the road, unless it says that it is free-standing. An edge *is* a piece of the road; its length is the real one.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+import msgspec
+
+PoiKind = Literal[
+    "room", "toilet", "bar", "lounge", "hall", "junction", "lift", "stairs", "door", "entrance", "exit", "other"
+]
+POI_KINDS: tuple[str, ...] = PoiKind.__args__  # type: ignore[attr-defined]
+
+Identifier = Annotated[str, msgspec.Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
+Name = Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
+Metres = Annotated[float, msgspec.Meta(ge=-100_000.0, le=100_000.0)]
+
+
+class Poi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A place of interest: a node of the PoI-graph."""
+
+    id: Identifier
+    name: Name
+    kind: PoiKind
+    x_m: Metres
+    y_m: Metres
+    on_road: bool = True
+    """Snapped to the virtual blind road; a free-standing PoI is shown as such and is no destination."""
+    spoken_name: Annotated[str, msgspec.Meta(max_length=80)] = ""
+    """What the walker hears; the name where this is empty."""
+    notes: Annotated[str, msgspec.Meta(max_length=2000)] = ""
+
+
+class Edge(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A piece of the virtual blind road between two PoIs."""
+
+    id: Identifier
+    a: Identifier
+    b: Identifier
+    path_m: tuple[tuple[Metres, Metres], ...]
+    """The road's own geometry from a to b, points (n, 2), n ≥ 2."""
+    length_m: Annotated[float, msgspec.Meta(ge=0.0)]
+    """Real length of the piece: the paper's weight."""
+    one_way: bool = False
+    """Only from a to b."""
+    closed: bool = False
+    cost_multiplier: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 1.0
+    """1.0 is the paper's pure shortest path; not below, so that the straight-line distance stays a lower bound for A*."""
+
+
+class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """All PoIs and edges of a site, by identifier."""
+
+    version: Annotated[int, msgspec.Meta(ge=0)] = 0
+    """Grows with every edit; the device acknowledges the one that it runs."""
+    pois: dict[str, Poi] = {}
+    edges: dict[str, Edge] = {}

@@ -1,0 +1,252 @@
+"""Recordings in the TUM RGB-D layout: a folder that holds what the cameras saw.
+
+``rgb/`` and ``depth/`` (16-bit PNG), ``associations.txt`` (``t_rgb rgb t_depth depth``), ``calib.txt`` (``name value``
+lines: fx fy cx cy in pixels, k1 k2 p1 p2 k3 where the colour image is distorted, depth_factor in units per metre) and,
+where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from navcore.errors import RecordingError
+from navcore.geometry import FloatArray, Transform
+from navcore.types import CameraIntrinsics, DepthImage, Frame
+
+MAX_DEPTH_UNITS = 65_535
+_DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedFrame:
+    """Where one frame of a recording lies on disk."""
+
+    stamp_s: float
+    colour_path: Path
+    depth_path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Recording:
+    """An opened recording; frames are read when they are asked for."""
+
+    folder: Path
+    intrinsics: CameraIntrinsics
+    depth_factor: float
+    """Depth units per metre."""
+    entries: tuple[RecordedFrame, ...]
+
+    def __len__(self) -> int:
+        return len(self.entries)
+
+    def frames(self) -> Iterator[Frame]:
+        """Read the frames in order. Raises RecordingError at the first damaged image."""
+        for entry in self.entries:
+            yield self.read(entry)
+
+    def read(self, entry: RecordedFrame) -> Frame:
+        """Read one frame. Raises RecordingError where an image is missing, damaged or of another size."""
+        colour = cv2.imread(str(entry.colour_path), cv2.IMREAD_COLOR)
+        if colour is None:
+            raise RecordingError(
+                f"{entry.colour_path} is missing or damaged: record again, or remove its line from associations.txt."
+            )
+        depth = cv2.imread(str(entry.depth_path), cv2.IMREAD_UNCHANGED)
+        if depth is None or depth.dtype != np.uint16 or depth.ndim != 2:
+            raise RecordingError(
+                f"{entry.depth_path} is missing, damaged or no 16-bit depth image: record again, or remove its line."
+            )
+        expected = (self.intrinsics.height_px, self.intrinsics.width_px)
+        for path, shape in ((entry.colour_path, colour.shape[:2]), (entry.depth_path, depth.shape)):
+            if shape != expected:
+                raise RecordingError(
+                    f"{path} is {shape[1]}×{shape[0]} pixels, but the recording's images are {expected[1]}×{expected[0]}:"
+                    " use the calibration and the images of one camera."
+                )
+        return Frame(
+            entry.stamp_s, np.ascontiguousarray(colour[:, :, ::-1]), depth_from_units(depth, self.depth_factor)
+        )
+
+
+def depth_from_units(units: np.ndarray, depth_factor: float) -> DepthImage:
+    """Return metres (h, w) from a 16-bit depth image; 0 units means nothing was measured and becomes NaN."""
+    depth_m: DepthImage = units.astype(np.float32)
+    depth_m *= np.float32(1.0 / depth_factor)
+    depth_m[units == 0] = np.nan
+    return depth_m
+
+
+def units_from_depth(depth_m: DepthImage, depth_factor: float) -> np.ndarray:
+    """Return a 16-bit depth image (h, w) from metres; NaN, and what does not fit, becomes 0."""
+    units = np.nan_to_num(np.round(depth_m * depth_factor), nan=0.0, posinf=0.0, neginf=0.0)
+    units[(units < 0) | (units > MAX_DEPTH_UNITS)] = 0
+    return units.astype(np.uint16)
+
+
+def open_recording(folder: Path) -> Recording:
+    """Open a recording. Raises RecordingError with what is wrong and what to do."""
+    if not folder.is_dir():
+        raise RecordingError(f"There is no recording at {folder}: name a folder in the TUM RGB-D layout.")
+    entries = _read_associations(folder)
+    calibration = read_calibration(folder / "calib.txt")
+    first = cv2.imread(str(entries[0].colour_path), cv2.IMREAD_COLOR)
+    if first is None:
+        raise RecordingError(
+            f"{entries[0].colour_path} is missing or damaged: record again, or remove its line from associations.txt."
+        )
+    height_px, width_px = first.shape[:2]
+    intrinsics = CameraIntrinsics(
+        width_px,
+        height_px,
+        calibration["fx"],
+        calibration["fy"],
+        calibration["cx"],
+        calibration["cy"],
+        tuple(calibration[name] for name in _DISTORTION_NAMES) if "k1" in calibration else (),
+    )
+    if not (0 <= intrinsics.cx_px < width_px and 0 <= intrinsics.cy_px < height_px):
+        raise RecordingError(
+            f"{folder / 'calib.txt'} puts the optical axis at ({intrinsics.cx_px:g}, {intrinsics.cy_px:g}), outside the"
+            f" {width_px}×{height_px} image: use the calibration of the camera that recorded it."
+        )
+    return Recording(folder, intrinsics, calibration["depth_factor"], entries)
+
+
+def read_calibration(path: Path) -> dict[str, float]:
+    """Read ``calib.txt``: lines of ``name value`` or lines of values in the order fx fy cx cy. Raises RecordingError."""
+    values: dict[str, float] = {}
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"{path} cannot be read: a recording needs a calibration with fx fy cx cy and depth_factor."
+        ) from error
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].replace("=", " ").replace(":", " ").split()
+        if not words:
+            continue
+        if len(words) != 2 or not _is_number(words[1]):
+            raise RecordingError(f"{path}, line {number}: expected a name and a number, found {line.strip()!r}.")
+        values[words[0]] = float(words[1])
+    for name in ("fx", "fy", "cx", "cy"):
+        if name not in values:
+            raise RecordingError(f"{path} has no {name}: write a line with the name and its value in pixels.")
+    values.setdefault("depth_factor", 5000.0)
+    for name in ("fx", "fy", "depth_factor"):
+        if values[name] <= 0:
+            raise RecordingError(f"{path}: {name} is {values[name]:g}, but must be greater than 0.")
+    if any(name in values for name in _DISTORTION_NAMES):
+        for name in _DISTORTION_NAMES:
+            values.setdefault(name, 0.0)
+    return values
+
+
+def read_trajectory(path: Path) -> tuple[FloatArray, list[Transform]]:
+    """Read a TUM trajectory: stamps (n,) in seconds and the poses. Raises RecordingError."""
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path} cannot be read: name a trajectory in the TUM format.") from error
+    stamps: list[float] = []
+    poses: list[Transform] = []
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if len(words) != 8 or not all(_is_number(word) for word in words):
+            raise RecordingError(f"{path}, line {number}: expected 't tx ty tz qx qy qz qw', found {line.strip()!r}.")
+        numbers = [float(word) for word in words]
+        try:
+            poses.append(Transform.from_quat_xyzw(np.array(numbers[4:]), np.array(numbers[1:4])))
+        except ValueError as error:
+            raise RecordingError(f"{path}, line {number}: {error}.") from error
+        stamps.append(numbers[0])
+    return np.array(stamps, dtype=np.float64), poses
+
+
+def write_trajectory(path: Path, stamped_poses: Iterable[tuple[float, Transform]], comment: str = "") -> None:
+    """Write poses (``map_from_camera`` unless the comment says otherwise) in the TUM format."""
+    with path.open("w", encoding="utf-8", newline="\n") as out:
+        for line in comment.splitlines():
+            out.write(f"# {line}\n")
+        out.write("# t tx ty tz qx qy qz qw\n")
+        for stamp_s, pose in stamped_poses:
+            numbers = [*pose.translation.tolist(), *pose.quat_xyzw.tolist()]
+            out.write(f"{stamp_s:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n")
+
+
+class RecordingWriter:
+    """Writes frames as a recording; ``close`` writes the tables, so an interrupted recording is seen as such."""
+
+    def __init__(self, folder: Path, intrinsics: CameraIntrinsics, depth_factor: float = 1000.0) -> None:
+        self._folder = folder
+        self._intrinsics = intrinsics
+        self._depth_factor = depth_factor
+        self._lines: list[str] = []
+        self._truth: list[tuple[float, Transform]] = []
+        (folder / "rgb").mkdir(parents=True, exist_ok=True)
+        (folder / "depth").mkdir(parents=True, exist_ok=True)
+
+    def add(self, frame: Frame, world_from_camera: Transform | None = None) -> None:
+        """Write one frame, and its true pose where it is known (a simulator's, a motion-capture system's)."""
+        name = f"{frame.stamp_s:.6f}"
+        cv2.imwrite(
+            str(self._folder / "rgb" / f"{name}.jpg"), frame.colour_rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95]
+        )
+        cv2.imwrite(
+            str(self._folder / "depth" / f"{name}.png"),
+            units_from_depth(frame.depth_m, self._depth_factor),
+            [cv2.IMWRITE_PNG_COMPRESSION, 1],
+        )
+        self._lines.append(f"{name} rgb/{name}.jpg {name} depth/{name}.png\n")
+        if world_from_camera is not None:
+            self._truth.append((frame.stamp_s, world_from_camera))
+
+    def close(self) -> None:
+        """Write calibration, associations and, where poses were given, the ground truth."""
+        camera = self._intrinsics
+        lines = [f"fx {camera.fx_px!r}", f"fy {camera.fy_px!r}", f"cx {camera.cx_px!r}", f"cy {camera.cy_px!r}"]
+        lines += [f"{name} {value!r}" for name, value in zip(_DISTORTION_NAMES, camera.distortion, strict=False)]
+        lines.append(f"depth_factor {self._depth_factor!r}")
+        (self._folder / "calib.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        (self._folder / "associations.txt").write_text("".join(self._lines), encoding="utf-8")
+        if self._truth:
+            write_trajectory(self._folder / "groundtruth.txt", self._truth, "world from camera")
+
+
+def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
+    path = folder / "associations.txt"
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path} cannot be read: a recording needs lines of 't_rgb rgb t_depth depth'.") from error
+    entries: list[RecordedFrame] = []
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if len(words) != 4 or not _is_number(words[0]):
+            raise RecordingError(f"{path}, line {number}: expected 't_rgb rgb t_depth depth', found {line.strip()!r}.")
+        colour, depth = folder / words[1], folder / words[3]
+        for file in (colour, depth):
+            if not file.resolve().is_relative_to(folder.resolve()):
+                raise RecordingError(f"{path}, line {number}: {file} lies outside the recording; use paths inside it.")
+        entries.append(RecordedFrame(float(words[0]), colour, depth))
+    if not entries:
+        raise RecordingError(f"{path} lists no frames: record again.")
+    if any(later.stamp_s <= earlier.stamp_s for earlier, later in zip(entries, entries[1:], strict=False)):
+        raise RecordingError(f"{path}: the times must grow from line to line; sort it by the first column.")
+    return tuple(entries)
+
+
+def _is_number(word: str) -> bool:
+    try:
+        return math.isfinite(float(word))
+    except ValueError:
+        return False

@@ -1,0 +1,281 @@
+"""Every threshold of the product, one line each.
+
+The unit is the last word of a name; each field carries its default, safe range, step and source, and the string
+under it says what it means. Command-line flags (``--set follower.sub_goal_distance_m=2.5``), the console's sliders
+and the settings page of the docs are all made from this file.
+
+A :class:`Settings` is never changed: a live change builds a new, validated one, which the loop takes at its next frame.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from navcore.errors import SettingError
+
+SettingValue = float | int | bool | str
+
+
+def _setting(default: Any, low: float | None = None, high: float | None = None, *, step: float | None = None,
+             source: str = "", safety: bool = False) -> Any:  # fmt: skip
+    """Declare a setting: default, safe range, step of its slider, source, and whether people's safety hangs on it."""
+    extra = {"step": step, "source": source, "safety": safety}
+    return (
+        Field(default=default, ge=low, le=high, json_schema_extra=extra, allow_inf_nan=False)
+        if low is not None
+        else Field(default=default, json_schema_extra=extra)
+    )
+
+
+class _Group(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True, strict=False)
+
+
+class LocalizationSettings(_Group):
+    """Localization."""
+
+    feature_count: int = _setting(600, 200, 2000, step=50, source="ORB-SLAM2")
+    """Features extracted from a frame."""
+    min_inliers_count: int = _setting(20, 10, 100, step=1, source="slam.md")
+    """Landmarks that must agree before a pose counts as found."""
+    uncertain_position_m: float = _setting(0.25, 0.05, 1.0, step=0.05, source="slam.md")
+    """Standard deviation of the position above which a pose is only "Uncertain"."""
+
+
+class PlanningSettings(_Group):
+    """Way finding."""
+
+    route_spacing_m: float = _setting(0.1, 0.05, 0.5, step=0.05, source="navigation.md")
+    """Distance between the points of a route."""
+    replan_deviation_m: float = _setting(2.0, 0.5, 10.0, step=0.1, source="navigation.md")
+    """Distance from the route beyond which a new one is planned, after the hold time."""
+    replan_hold_s: float = _setting(3.0, 0.5, 30.0, step=0.5, source="navigation.md")
+    """How long the deviation must last before a new route is planned."""
+
+
+class ObstacleSettings(_Group):
+    """Obstacle detection."""
+
+    clearance_m: float = _setting(2.0, 1.0, 4.0, step=0.1, source="Eq. 5, reference [13]", safety=True)
+    """δ: a direction is walkable when it is free up to here (or up to the sub-goal and a margin, where that is nearer)."""
+    stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="navigation.md", safety=True)
+    """Anything nearer than this straight ahead stops the walker at once."""
+    sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="navigation.md", safety=True)
+    """Free space needed beyond a sub-goal that is nearer than δ."""
+    person_width_m: float = _setting(0.7, 0.5, 1.2, step=0.05, source="navigation.md", safety=True)
+    """Width of the corridor that must be free."""
+    low_height_m: float = _setting(0.10, 0.05, 0.3, step=0.01, source="navigation.md", safety=True)
+    """What stands higher than this above the floor is an obstacle."""
+    head_height_m: float = _setting(1.9, 1.5, 2.5, step=0.05, source="navigation.md", safety=True)
+    """What hangs lower than this above the floor is an obstacle."""
+    drop_depth_m: float = _setting(0.10, 0.05, 0.5, step=0.01, source="navigation.md", safety=True)
+    """A floor lower than this below the walker's is a drop: an obstacle at its edge."""
+    min_valid_fraction: float = _setting(0.3, 0.05, 0.9, step=0.05, source="navigation.md", safety=True)
+    """Share of the depth image that must carry a depth before it is believed."""
+    candidate_step_deg: float = _setting(3.0, 1.0, 10.0, step=1.0, source="navigation.md")
+    """Angle between neighbouring candidate directions."""
+    leave_frames_count: int = _setting(3, 1, 10, step=1, source="navigation.md", safety=True)
+    """Free frames in a row that are needed before walking again after a stop."""
+
+
+class FollowerSettings(_Group):
+    """Route following."""
+
+    policy: Literal["paper"] = _setting("paper", source="IV-C")
+    """The guidance policy."""
+    sub_goal_distance_m: float = _setting(3.0, 0.5, 10.0, step=0.1, source="Eq. 2: d = 3 m")
+    """d: the sub-goal lies this far from the closest point."""
+    turning_angle_deg: float = _setting(30.0, 10.0, 90.0, step=5.0, source="Eq. 2: θ = π/6")
+    """θ: a bend of the route by more than this is a turning point."""
+    turning_reached_m: float = _setting(0.7, 0.2, 2.0, step=0.05, source="navigation.md, case 2")
+    """A turning point nearer than this is reached."""
+    arrival_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="IV-C, case 3: 1.0 m")
+    """A destination nearer than this is reached."""
+    off_road_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="Eq. 4: 1.0 m")
+    """A walker farther from the route than this is led back to it."""
+    heading_error_deg: float = _setting(30.0, 5.0, 90.0, step=1.0, source="Eq. 4: π/6")
+    """A heading that differs more than this from the expected direction is corrected."""
+    closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="navigation.md, Eq. 1")
+    """How far along the route, from the last one, the closest point is looked for."""
+
+
+class GateSettings(_Group):
+    """Ultrasonic gate."""
+
+    clearance_m: float = _setting(2.0, 0.5, 4.0, step=0.1, source="Eq. 5: δ = 2.0 m", safety=True)
+    """δ: an echo nearer than this closes the gate (or nearer than the sub-goal and a margin, where that is nearer)."""
+    half_field_deg: float = _setting(7.5, 5.0, 30.0, step=0.5, source="Eq. 5: ±7.5°", safety=True)
+    """Half of the ultrasonic field: directions inside it are checked."""
+    stale_after_s: float = _setting(0.25, 0.05, 1.0, step=0.05, source="navigation.md, Eq. 5", safety=True)
+    """A reading older than this is not believed."""
+
+
+class CueSettings(_Group):
+    """Cues."""
+
+    language: Literal["en", "zh"] = _setting("en", source="navigation.md")
+    """Language of the speech."""
+    straight_within_deg: float = _setting(10.0, 2.0, 30.0, step=1.0, source="navigation.md")
+    """Directions within this of straight ahead need no steering tone."""
+    tick_interval_s: float = _setting(
+        1.0, 0.3, 1.4, step=0.1, source="the walker's own stop after 1.5 s of silence", safety=True
+    )
+    """Time between the heart-beats that say "walk" still holds."""
+    turn_repeat_s: float = _setting(3.0, 1.0, 10.0, step=0.5, source="navigation.md")
+    """Time before an instruction that still holds is said again."""
+    reassurance_m: float = _setting(10.0, 3.0, 50.0, step=1.0, source="Wayfindr")
+    """Distance walked between two reassurances."""
+    announce_m: float = _setting(6.0, 2.0, 10.0, step=0.5, source="Wayfindr: 6 ± 1 m")
+    """How far ahead a place on the way is announced."""
+    beep_range_m: float = _setting(4.0, 1.0, 6.0, step=0.5, source="navigation.md")
+    """An obstacle nearer than this is heard as a beep."""
+
+
+class WatchdogSettings(_Group):
+    """Watchdog."""
+
+    guidance_timeout_s: float = _setting(0.5, 0.2, 1.0, step=0.05, source="navigation.md", safety=True)
+    """Guidance older than this is the cue Stop."""
+    camera_timeout_s: float = _setting(0.5, 0.1, 2.0, step=0.05, source="navigation.md", safety=True)
+    """A camera that delivers nothing for this long has failed."""
+
+
+class Settings(BaseModel):
+    """All settings, by group."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    localization: LocalizationSettings = LocalizationSettings()
+    planning: PlanningSettings = PlanningSettings()
+    obstacle: ObstacleSettings = ObstacleSettings()
+    follower: FollowerSettings = FollowerSettings()
+    gate: GateSettings = GateSettings()
+    cues: CueSettings = CueSettings()
+    watchdog: WatchdogSettings = WatchdogSettings()
+
+    def values(self) -> dict[str, SettingValue]:
+        """Return every setting as ``group.name`` and value."""
+        return {spec.key: getattr(getattr(self, spec.group), spec.name) for spec in setting_specs()}
+
+    def changed(self, changes: Mapping[str, SettingValue]) -> Settings:
+        """Return new settings with ``group.name`` values changed. Raises SettingError, naming the range, and changes nothing."""
+        known = {spec.key: spec for spec in setting_specs()}
+        groups: dict[str, dict[str, SettingValue]] = {}
+        for key, value in changes.items():
+            if key not in known:
+                raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
+            spec = known[key]
+            if isinstance(value, bool) and spec.kind != "bool" or not _is_plain(value):
+                raise SettingError(f"{key} cannot be {value!r}: {spec.range_text()}.")
+            groups.setdefault(spec.group, {})[spec.name] = value
+        data = self.model_dump()
+        for group, values in groups.items():
+            data[group].update(values)
+        try:
+            changed = Settings.model_validate(data)
+        except ValidationError as error:
+            key = ".".join(str(part) for part in error.errors()[0]["loc"][:2])
+            given = changes.get(key, error.errors()[0]["input"])
+            raise SettingError(f"{key} cannot be {given!r}: {known[key].range_text()}.") from error
+        changed._check_together()
+        return changed
+
+    def _check_together(self) -> None:
+        if self.obstacle.stop_distance_m >= self.obstacle.clearance_m:
+            raise SettingError(
+                f"obstacle.stop_distance_m ({self.obstacle.stop_distance_m:g} m) must be less than obstacle.clearance_m"
+                f" ({self.obstacle.clearance_m:g} m): change both together."
+            )
+        if self.obstacle.low_height_m >= self.obstacle.head_height_m:
+            raise SettingError("obstacle.low_height_m must be less than obstacle.head_height_m: change both together.")
+
+
+@dataclass(frozen=True, slots=True)
+class SettingSpec:
+    """One setting as a form, a slider, a flag or a page shows it."""
+
+    group: str
+    group_title: str
+    name: str
+    kind: Literal["float", "int", "bool", "choice"]
+    unit: str
+    default: SettingValue
+    low: float | None
+    high: float | None
+    step: float | None
+    choices: tuple[str, ...]
+    source: str
+    safety: bool
+    meaning: str
+
+    @property
+    def key(self) -> str:
+        """``group.name``."""
+        return f"{self.group}.{self.name}"
+
+    def range_text(self) -> str:
+        """The permitted values in words."""
+        if self.choices:
+            return "choose one of " + ", ".join(self.choices)
+        if self.low is None:
+            return "choose true or false"
+        kind = "a whole number" if self.kind == "int" else "a number"
+        return f"give {kind} from {self.low:g} to {self.high:g}" + (f" ({self.unit})" if self.unit else "")
+
+
+_UNITS = {"m": "m", "s": "s", "deg": "°", "px": "px", "hz": "Hz", "count": "", "fraction": "", "rad": "rad"}
+
+
+def setting_specs() -> tuple[SettingSpec, ...]:
+    """Return every setting in order of the groups."""
+    return _SPECS
+
+
+def _specs() -> Iterator[SettingSpec]:
+    for group, group_field in Settings.model_fields.items():
+        group_type = group_field.annotation
+        assert isinstance(group_type, type) and issubclass(group_type, _Group)
+        schema = group_type.model_json_schema()["properties"]
+        title = (group_type.__doc__ or group).strip().rstrip(".")
+        for name, model_field in group_type.model_fields.items():
+            entry = schema[name]
+            choices = tuple(entry.get("enum", ())) or ((entry["const"],) if "const" in entry else ())
+            kind: Any = "choice" if choices else {"number": "float", "integer": "int", "boolean": "bool"}[entry["type"]]
+            yield SettingSpec(
+                group, title, name, kind, _UNITS.get(name.rsplit("_", 1)[-1], ""), model_field.default,
+                entry.get("minimum"), entry.get("maximum"), entry.get("step"), choices,
+                entry.get("source", ""), bool(entry.get("safety")), model_field.description or "",
+            )  # fmt: skip
+
+
+_SPECS = tuple(_specs())
+
+
+def parse_assignment(text: str) -> tuple[str, SettingValue]:
+    """Read ``group.name=value`` as the command line gives it. Raises SettingError."""
+    key, equals, value_text = text.partition("=")
+    known = {spec.key: spec for spec in setting_specs()}
+    if not equals:
+        raise SettingError(f"{text!r} is not of the form group.name=value.")
+    if key not in known:
+        raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
+    spec = known[key]
+    if spec.kind == "choice":
+        return key, value_text
+    try:
+        value = json.loads(value_text)
+    except ValueError as error:
+        raise SettingError(f"{key} cannot be {value_text!r}: {spec.range_text()}.") from error
+    if not isinstance(value, (bool, int, float)):
+        raise SettingError(f"{key} cannot be {value_text!r}: {spec.range_text()}.")
+    return key, value
+
+
+def _is_plain(value: object) -> bool:
+    return isinstance(value, (bool, int, str)) or (isinstance(value, float) and math.isfinite(value))

@@ -1,0 +1,1 @@
+"""SLAM: building the virtual blind road, and locating the walker on it (paper IV-A)."""

@@ -1,0 +1,292 @@
+"""The values that flow from the sensors to the cue. All are frozen.
+
+``None`` stands for the paper's *Null*. Unknown is never "clear", and silence is never "go".
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.angles import RelativeAngle, WorldAngle
+from navcore.geometry import FloatArray, Transform, heading_of_camera
+
+ImageRgb = NDArray[np.uint8]
+"""Colour image (height, width, 3), red first."""
+DepthImage = NDArray[np.float32]
+"""Depth image (height, width), metres along the optical axis; NaN where the sensor gave nothing."""
+
+
+# ---------------------------------------------------------------------------------------------------- sensors
+@dataclass(frozen=True, slots=True)
+class CameraIntrinsics:
+    """A pinhole camera with Brown–Conrady distortion of its colour image; depth is registered to the ideal pinhole."""
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    distortion: tuple[float, ...] = ()
+    """k1 k2 p1 p2 k3, as OpenCV orders them; empty where the image is not distorted."""
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Camera matrix (3, 3), pixels."""
+        return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Frame:
+    """One capture of the depth camera: colour and registered depth, of the same instant."""
+
+    stamp_s: float
+    """The sensor's own time of capture, seconds."""
+    colour_rgb: ImageRgb
+    depth_m: DepthImage
+
+
+class SonarState(enum.Enum):
+    """What the ultrasonic rangefinder can say (navigation.md, Eq. 5)."""
+
+    OK = "ok"
+    """An echo came back from ``distance_m``."""
+    NO_ECHO = "no_echo"
+    """Nothing within range: counts as the sensor's full range, 4.25 m."""
+    STALE = "stale"
+    """The last reading is too old to be believed: guidance goes on with depth only, and says so."""
+    ABSENT = "absent"
+    """There is no rangefinder: guidance goes on with depth only, and says so."""
+
+
+@dataclass(frozen=True, slots=True)
+class SonarReading:
+    """One reading of the ultrasonic rangefinder."""
+
+    stamp_s: float
+    state: SonarState
+    distance_m: float | None = None
+    """Distance of the nearest echo within the 15° cone; None unless the state is OK."""
+
+
+# ------------------------------------------------------------------------------------------------ localization
+class LocalizationQuality(enum.Enum):
+    """How far a pose can be trusted."""
+
+    LOCALIZED = "localized"
+    UNCERTAIN = "uncertain"
+    LOST = "lost"
+
+
+@dataclass(frozen=True, slots=True)
+class Pose2D:
+    """The paper's P_c(x_c, y_c, θ_c): where the walker is on the floor, and where the camera looks."""
+
+    x_m: float
+    y_m: float
+    heading: WorldAngle
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Localization:
+    """What localization says of one frame."""
+
+    stamp_s: float
+    quality: LocalizationQuality
+    world_from_camera: Transform | None
+    """None when lost."""
+    covariance: FloatArray | None = None
+    """Covariance (6, 6) of (translation, rotation) in the world frame, m² and rad²; None when lost."""
+    inlier_count: int = 0
+    """Landmarks of the map that agree with the pose."""
+
+    @property
+    def pose(self) -> Pose2D | None:
+        """The pose on the floor, or None when lost."""
+        if self.world_from_camera is None:
+            return None
+        x_m, y_m, _ = self.world_from_camera.translation
+        return Pose2D(float(x_m), float(y_m), heading_of_camera(self.world_from_camera))
+
+
+# ---------------------------------------------------------------------------------------------------- planning
+@dataclass(frozen=True, slots=True)
+class RouteStop:
+    """A PoI that a route passes or ends at."""
+
+    poi_id: str
+    name: str
+    distance_m: float
+    """Arc length from the start of the route."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Route:
+    """The paper's W: a globally shortest path, as evenly spaced points of the virtual blind road."""
+
+    points_m: FloatArray
+    """Points (n, 2), n ≥ 1, about 0.1 m apart; the last one is the destination."""
+    arc_length_m: FloatArray
+    """Arc length (n,) of each point from the first."""
+    stops: tuple[RouteStop, ...] = ()
+    """PoIs in the order in which the route passes them; the last is the destination."""
+
+    @property
+    def length_m(self) -> float:
+        """Length of the whole route."""
+        return float(self.arc_length_m[-1])
+
+
+# --------------------------------------------------------------------------------------------------- obstacles
+@dataclass(frozen=True, slots=True)
+class CandidateDirection:
+    """One θ_i of the paper's D: a direction in which a corridor of the person's width is free."""
+
+    angle: RelativeAngle
+    clearance_m: float
+    """How far the corridor is free, up to the sensor's trusted range."""
+    free_width_m: float
+    """Width of the free corridor at the required distance."""
+
+
+class BearingState(enum.IntEnum):
+    """What the depth image says along one bearing."""
+
+    FREE = 0
+    OBSTACLE = 1
+    DROP = 2
+    UNKNOWN = 3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleScan:
+    """The depth image reduced to bearings, and the candidate walkable directions D."""
+
+    bearing_rad: FloatArray
+    """Bearings (n,) relative to the heading, ascending (right to left)."""
+    nearest_m: FloatArray
+    """Horizontal distance (n,) to the nearest obstacle or drop; inf where free, NaN where unknown."""
+    state: NDArray[np.int8]
+    """:class:`BearingState` of each bearing (n,)."""
+    candidates: tuple[CandidateDirection, ...]
+    valid_fraction: float
+    """Share of the image's pixels that carry a depth, 0–1."""
+    nearest_ahead_m: float | None = None
+    """Distance to the nearest obstacle or drop inside the person's own corridor straight ahead; None where free."""
+
+
+# ---------------------------------------------------------------------------------------------------- guidance
+class Action(enum.Enum):
+    """What the walker is told to do with their feet."""
+
+    WALK = "walk"
+    """Walk in the given direction."""
+    TURN = "turn"
+    """Turn on the spot towards the given direction, without a step."""
+    STOP = "stop"
+
+
+class Reason(enum.Enum):
+    """Why the guidance is what it is; the value is the wire's, the sentence is for people."""
+
+    OK = "ok"
+    OFF_ROAD = "off_road"
+    OBSTACLE_DEPTH = "obstacle_depth"
+    OBSTACLE_SONAR = "obstacle_sonar"
+    DROP_AHEAD = "drop_ahead"
+    NO_CANDIDATE = "no_candidate"
+    DEPTH_INVALID = "depth_invalid"
+    POSE_LOST = "pose_lost"
+    SENSOR_STALE = "sensor_stale"
+    ARRIVED = "arrived"
+    NO_ROUTE = "no_route"
+    PAUSED = "paused"
+
+    @property
+    def sentence(self) -> str:
+        """The reason in plain words."""
+        return _REASON_SENTENCES[self]
+
+
+_REASON_SENTENCES = {
+    Reason.OK: "The way is free.",
+    Reason.OFF_ROAD: "Off the road: leading back to it.",
+    Reason.OBSTACLE_DEPTH: "The depth camera sees something in the way.",
+    Reason.OBSTACLE_SONAR: "The ultrasonic rangefinder hears something in the way.",
+    Reason.DROP_AHEAD: "The floor falls away ahead.",
+    Reason.NO_CANDIDATE: "No free direction in view.",
+    Reason.DEPTH_INVALID: "The depth camera sees too little to be believed.",
+    Reason.POSE_LOST: "The place in the map is not known.",
+    Reason.SENSOR_STALE: "A sensor has stopped delivering.",
+    Reason.ARRIVED: "The destination is reached.",
+    Reason.NO_ROUTE: "No destination is set, or no way leads there.",
+    Reason.PAUSED: "Guidance is paused.",
+}
+
+
+class SubGoalCase(enum.IntEnum):
+    """The paper's three cases of a sub-goal (step 2, Fig. 5)."""
+
+    STRAIGHT = 1
+    """A point at the distance threshold d."""
+    TURNING_POINT = 2
+    """A corner before d; held until it is reached."""
+    DESTINATION = 3
+    """The last point of the route."""
+
+
+@dataclass(frozen=True, slots=True)
+class SubGoal:
+    """The paper's P_G."""
+
+    x_m: float
+    y_m: float
+    case: SubGoalCase
+    route_index: int
+    """Index of the point in the route."""
+
+
+@dataclass(frozen=True, slots=True)
+class DecisionTrace:
+    """Everything that went into one decision, so that every "stop" can be explained afterwards."""
+
+    heading: WorldAngle | None = None
+    """θ_c."""
+    expected: WorldAngle | None = None
+    """θ_exp (Eq. 3)."""
+    sub_goal: SubGoal | None = None
+    """P_G (Eq. 2)."""
+    closest_index: int | None = None
+    """Index of P_cls in the route (Eq. 1)."""
+    deviation_m: float | None = None
+    """Distance from the route."""
+    remaining_m: float | None = None
+    """Arc length from the closest point to the destination."""
+    optimal: RelativeAngle | None = None
+    """θ_opt (Eq. 4)."""
+    candidates: tuple[CandidateDirection, ...] = ()
+    """D."""
+    nearest_ahead_m: float | None = None
+    sonar_state: SonarState = SonarState.ABSENT
+    sonar_m: float | None = None
+    """d_ultra."""
+    rule: str = ""
+    """The rule that decided, in a few words."""
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """The result of one cycle (paper IV-C, Output)."""
+
+    stamp_s: float
+    action: Action
+    direction: RelativeAngle | None
+    """θ_walk (Eq. 5): where to walk or to turn to; None when stopped."""
+    reason: Reason
+    trace: DecisionTrace = field(default_factory=DecisionTrace)
+    route_version: int = 0
+    """Changes whenever the route does, so that what was remembered about the old one is dropped."""

@@ -130,10 +130,11 @@ def rotation_from_rotvec(rotvec_rad: FloatArray) -> FloatArray:
     """Return the rotation matrix (3, 3) of an axis–angle vector (3,), radians (Rodrigues)."""
     angle = float(np.linalg.norm(rotvec_rad))
     x, y, z = (float(c) for c in rotvec_rad)
-    skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    skew: FloatArray = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    unit: FloatArray = np.eye(3)
     if angle < 1e-8:
-        return np.eye(3) + skew + 0.5 * skew @ skew
-    return np.eye(3) + (math.sin(angle) / angle) * skew + ((1 - math.cos(angle)) / angle**2) * skew @ skew
+        return np.asarray(unit + skew + 0.5 * skew @ skew)
+    return np.asarray(unit + (math.sin(angle) / angle) * skew + ((1 - math.cos(angle)) / angle**2) * skew @ skew)
 
 
 def rotation_about_z(angle_rad: float) -> FloatArray:

@@ -7,6 +7,7 @@ where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``).
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -59,14 +60,12 @@ class Recording:
             )
         depth = cv2.imread(str(entry.depth_path), cv2.IMREAD_UNCHANGED)
         if depth is None or depth.dtype != np.uint16 or depth.ndim != 2:
-            raise RecordingError(
-                f"{entry.depth_path} is missing, damaged or no 16-bit depth image: record again, or remove its line."
-            )
+            raise RecordingError(f"{entry.depth_path} is missing, damaged or no 16-bit depth image: record again.")
         expected = (self.intrinsics.height_px, self.intrinsics.width_px)
         for path, shape in ((entry.colour_path, colour.shape[:2]), (entry.depth_path, depth.shape)):
             if shape != expected:
                 raise RecordingError(
-                    f"{path} is {shape[1]}×{shape[0]} pixels, but the recording's images are {expected[1]}×{expected[0]}:"
+                    f"{path} is {shape[1]}×{shape[0]} pixels, but the recording's are {expected[1]}×{expected[0]}:"
                     " use the calibration and the images of one camera."
                 )
         return Frame(
@@ -119,7 +118,7 @@ def open_recording(folder: Path) -> Recording:
 
 
 def read_calibration(path: Path) -> dict[str, float]:
-    """Read ``calib.txt``: lines of ``name value`` or lines of values in the order fx fy cx cy. Raises RecordingError."""
+    """Read ``calib.txt``: lines of ``name value``. Raises RecordingError."""
     values: dict[str, float] = {}
     try:
         lines = path.read_text(encoding="utf-8").splitlines()
@@ -240,7 +239,7 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
         entries.append(RecordedFrame(float(words[0]), colour, depth))
     if not entries:
         raise RecordingError(f"{path} lists no frames: record again.")
-    if any(later.stamp_s <= earlier.stamp_s for earlier, later in zip(entries, entries[1:], strict=False)):
+    if any(later.stamp_s <= earlier.stamp_s for earlier, later in itertools.pairwise(entries)):
         raise RecordingError(f"{path}: the times must grow from line to line; sort it by the first column.")
     return tuple(entries)
 

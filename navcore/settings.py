@@ -25,7 +25,7 @@ SettingValue = float | int | bool | str
 def _setting(default: Any, low: float | None = None, high: float | None = None, *, step: float | None = None,
              source: str = "", safety: bool = False) -> Any:  # fmt: skip
     """Declare a setting: default, safe range, step of its slider, source, and whether people's safety hangs on it."""
-    extra = {"step": step, "source": source, "safety": safety}
+    extra: dict[str, Any] = {"step": step, "source": source, "safety": safety}
     return (
         Field(default=default, ge=low, le=high, json_schema_extra=extra, allow_inf_nan=False)
         if low is not None
@@ -63,7 +63,7 @@ class ObstacleSettings(_Group):
     """Obstacle detection."""
 
     clearance_m: float = _setting(2.0, 1.0, 4.0, step=0.1, source="Eq. 5, reference [13]", safety=True)
-    """δ: a direction is walkable when it is free up to here (or up to the sub-goal and a margin, where that is nearer)."""
+    """δ: a direction is walkable when it is free up to here (or a margin past a nearer sub-goal)."""
     stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="navigation.md", safety=True)
     """Anything nearer than this straight ahead stops the walker at once."""
     sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="navigation.md", safety=True)
@@ -164,14 +164,14 @@ class Settings(BaseModel):
         return {spec.key: getattr(getattr(self, spec.group), spec.name) for spec in setting_specs()}
 
     def changed(self, changes: Mapping[str, SettingValue]) -> Settings:
-        """Return new settings with ``group.name`` values changed. Raises SettingError, naming the range, and changes nothing."""
+        """Return new settings with ``group.name`` values changed. Raises SettingError, naming the range."""
         known = {spec.key: spec for spec in setting_specs()}
         groups: dict[str, dict[str, SettingValue]] = {}
         for key, value in changes.items():
             if key not in known:
                 raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
             spec = known[key]
-            if isinstance(value, bool) and spec.kind != "bool" or not _is_plain(value):
+            if (isinstance(value, bool) and spec.kind != "bool") or not _is_plain(value):
                 raise SettingError(f"{key} cannot be {value!r}: {spec.range_text()}.")
             groups.setdefault(spec.group, {})[spec.name] = value
         data = self.model_dump()
@@ -240,7 +240,8 @@ def setting_specs() -> tuple[SettingSpec, ...]:
 def _specs() -> Iterator[SettingSpec]:
     for group, group_field in Settings.model_fields.items():
         group_type = group_field.annotation
-        assert isinstance(group_type, type) and issubclass(group_type, _Group)
+        assert isinstance(group_type, type)
+        assert issubclass(group_type, _Group)
         schema = group_type.model_json_schema()["properties"]
         title = (group_type.__doc__ or group).strip().rstrip(".")
         for name, model_field in group_type.model_fields.items():

@@ -165,7 +165,7 @@ def pack_site(folder: Path) -> bytes:
 
 
 def unpack_site(package_bytes: bytes, folder: Path) -> None:
-    """Write a package to a folder that does not exist yet. Raises SiteError and leaves nothing behind where it is unfit."""
+    """Write a package to a folder that does not exist yet. Raises SiteError, leaving nothing, where it is unfit."""
     if folder.exists():
         raise SiteError(f"{folder} exists already: name a new folder.")
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -222,22 +222,23 @@ def _read_manifest(folder: Path) -> _Manifest:
         raise SiteError(f"There is no site at {folder}: build one with `vbr map build RECORDING --site {folder}`.")
     try:
         raw = json.loads(path.read_bytes())
-        if (
-            isinstance(raw, dict)
-            and raw.get("format") == FORMAT
-            and isinstance(version := raw.get("schema_version"), int)
-        ):
-            if version > SCHEMA_VERSION:
-                raise SiteError(
-                    f"The site {folder} was written by a newer program (schema {version}, this one knows {SCHEMA_VERSION}):"
-                    " update this program."
-                )
+        _refuse_newer(folder, raw)
         manifest = msgspec.convert(raw, _Manifest)
     except (OSError, ValueError, RecursionError) as error:
         raise SiteError(f"{path} is damaged ({error}): build the map again, or take it from a backup.") from error
     if manifest.format != FORMAT or manifest.schema_version < 1:
         raise SiteError(f"{folder} is not a site of this program: name a folder made by `vbr map build`.")
     return manifest
+
+
+def _refuse_newer(folder: Path, raw: object) -> None:
+    """A newer manifest may have another form: its version is looked at before anything else."""
+    version = raw.get("schema_version") if isinstance(raw, dict) and raw.get("format") == FORMAT else None
+    if isinstance(version, int) and version > SCHEMA_VERSION:
+        raise SiteError(
+            f"The site {folder} was written by a newer program (schema {version}, this one knows"
+            f" {SCHEMA_VERSION}): update this program."
+        )
 
 
 def _read_checked(folder: Path, name: str, entry: _FileEntry) -> bytes:

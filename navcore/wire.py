@@ -233,8 +233,8 @@ ConsoleMessage = (
 )  # fmt: skip
 
 _encoder = msgspec.msgpack.Encoder()
-_device_decoder = msgspec.msgpack.Decoder(DeviceMessage)
-_console_decoder = msgspec.msgpack.Decoder(ConsoleMessage)
+_device_decoder: msgspec.msgpack.Decoder[DeviceMessage] = msgspec.msgpack.Decoder(DeviceMessage)
+_console_decoder: msgspec.msgpack.Decoder[ConsoleMessage] = msgspec.msgpack.Decoder(ConsoleMessage)
 
 
 def encode(message: DeviceMessage | ConsoleMessage) -> bytes:

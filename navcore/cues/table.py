@@ -29,7 +29,7 @@ class CueKind(enum.Enum):
     STEER = "steer"
     """A tone, placed where to walk, while walking: ``angle_deg``."""
     TICK = "tick"
-    """The heart-beat of guidance while walking straight: as long as it is heard, "walk" still holds. Its absence is *stop*."""
+    """The heart-beat of guidance while walking straight: as long as it is heard, "walk" holds; its absence is *stop*."""
     OBSTACLE_BEEP = "obstacle_beep"
     """Quickens and rises as an obstacle nears: ``distance_m``."""
     ARRIVED = "arrived"
@@ -49,7 +49,7 @@ class Cue:
     text: str = ""
     """What is spoken, in the walker's language; empty for a tone."""
     angle_deg: float | None = None
-    """Direction in degrees relative to the heading, left positive, as it can be heard in the text or in the tone's place."""
+    """Direction in degrees relative to the heading, left positive, as the text says it or the tone's place tells."""
     distance_m: float | None = None
     frequency_hz: float | None = None
     """Pitch of the tone; None for pure speech."""

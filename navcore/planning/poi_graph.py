@@ -49,7 +49,7 @@ class Edge(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Only from a to b."""
     closed: bool = False
     cost_multiplier: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 1.0
-    """1.0 is the paper's pure shortest path; not below, so that the straight-line distance stays a lower bound for A*."""
+    """1.0 is the paper's shortest path; never below, so that the straight line stays a lower bound for A*."""
 
 
 class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

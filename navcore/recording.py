@@ -2,7 +2,8 @@
 
 ``rgb/`` and ``depth/`` (16-bit PNG), ``associations.txt`` (``t_rgb rgb t_depth depth``), ``calib.txt`` (``name value``
 lines: fx fy cx cy in pixels, k1 k2 p1 p2 k3 where the colour image is distorted, depth_factor in units per metre) and,
-where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``).
+where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``). The sighted person who records the road
+can name places on the way: ``marks.txt`` (``t kind name``), a line each.
 """
 
 from __future__ import annotations
@@ -12,15 +13,18 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import cast
 
 import cv2
 import numpy as np
 
 from navcore.errors import RecordingError
 from navcore.geometry import FloatArray, Transform
+from navcore.planning.poi_graph import POI_KINDS, PoiKind
 from navcore.types import CameraIntrinsics, DepthImage, Frame
 
 MAX_DEPTH_UNITS = 65_535
+MAX_NAME_LENGTH = 80
 _DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
 
 
@@ -31,6 +35,15 @@ class RecordedFrame:
     stamp_s: float
     colour_path: Path
     depth_path: Path
+
+
+@dataclass(frozen=True, slots=True)
+class Mark:
+    """A place that the recording person named while standing at it."""
+
+    stamp_s: float
+    kind: PoiKind
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,6 +182,28 @@ def read_trajectory(path: Path) -> tuple[FloatArray, list[Transform]]:
     return np.array(stamps, dtype=np.float64), poses
 
 
+def read_marks(path: Path) -> tuple[Mark, ...]:
+    """Read ``marks.txt``; empty where there is none. Raises RecordingError with the line."""
+    if not path.exists():
+        return ()
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path} cannot be read: write lines of 't kind name' in UTF-8.") from error
+    marks: list[Mark] = []
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].split(maxsplit=2)
+        if not words:
+            continue
+        if len(words) != 3 or not _is_number(words[0]) or len(words[2].strip()) > MAX_NAME_LENGTH:
+            raise RecordingError(f"{path}, line {number}: expected 't kind name', found {line.strip()!r}.")
+        if words[1] not in POI_KINDS:
+            kinds = ", ".join(POI_KINDS)
+            raise RecordingError(f"{path}, line {number}: {words[1]!r} is no kind of place; use one of {kinds}.")
+        marks.append(Mark(float(words[0]), cast(PoiKind, words[1]), words[2].strip()))
+    return tuple(marks)
+
+
 def write_trajectory(path: Path, stamped_poses: Iterable[tuple[float, Transform]], comment: str = "") -> None:
     """Write poses (``map_from_camera`` unless the comment says otherwise) in the TUM format."""
     with path.open("w", encoding="utf-8", newline="\n") as out:
@@ -189,6 +224,7 @@ class RecordingWriter:
         self._depth_factor = depth_factor
         self._lines: list[str] = []
         self._truth: list[tuple[float, Transform]] = []
+        self._marks: list[Mark] = []
         (folder / "rgb").mkdir(parents=True, exist_ok=True)
         (folder / "depth").mkdir(parents=True, exist_ok=True)
 
@@ -207,6 +243,10 @@ class RecordingWriter:
         if world_from_camera is not None:
             self._truth.append((frame.stamp_s, world_from_camera))
 
+    def mark(self, mark: Mark) -> None:
+        """Note that a place was named."""
+        self._marks.append(mark)
+
     def close(self) -> None:
         """Write calibration, associations and, where poses were given, the ground truth."""
         camera = self._intrinsics
@@ -215,6 +255,9 @@ class RecordingWriter:
         lines.append(f"depth_factor {self._depth_factor!r}")
         (self._folder / "calib.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
         (self._folder / "associations.txt").write_text("".join(self._lines), encoding="utf-8")
+        if self._marks:
+            marks = "".join(f"{mark.stamp_s:.6f} {mark.kind} {mark.name}\n" for mark in self._marks)
+            (self._folder / "marks.txt").write_text(marks, encoding="utf-8")
         if self._truth:
             write_trajectory(self._folder / "groundtruth.txt", self._truth, "world from camera")
 

@@ -29,7 +29,7 @@ class CueKind(enum.Enum):
     STEER = "steer"
     """A tone, placed where to walk, while walking: ``angle_deg``."""
     TICK = "tick"
-    """The heart-beat of guidance while walking straight: as long as it is heard, "walk" holds; its absence is *stop*."""
+    """The heart-beat of guidance while walking straight: as long as it is heard, "walk" holds; silence is *stop*."""
     OBSTACLE_BEEP = "obstacle_beep"
     """Quickens and rises as an obstacle nears: ``distance_m``."""
     ARRIVED = "arrived"

@@ -1,0 +1,40 @@
+# Everything runs from a virtual environment in this checkout, made from the lock file.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+
+.DEFAULT_GOAL := help
+.PHONY: help install demo test check bench lock docs clean
+
+help: ## show the commands
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
+
+install: $(INSTALLED) ## make .venv with everything that development needs
+
+$(INSTALLED): requirements.lock pyproject.toml .ci/install
+	@PYTHON="$(PYTHON)" .ci/install $(VENV)
+	@touch $@
+
+demo: install ## walk through the simulated building, watched in the browser
+	@$(BIN)/vbr demo
+
+test: install ## run all tests
+	@.ci/test $(BIN)
+
+check: install ## formatting, lint, types, import contracts, generated docs
+	@.ci/check $(BIN)
+
+bench: install ## measure speed, accuracy and memory
+	@for benchmark in benchmarks/*.py; do echo "== $$benchmark"; $(BIN)/python $$benchmark --quick || exit 1; done
+
+docs: install ## write the generated pages of docs/
+	@$(BIN)/vbr settings --markdown > docs/settings.md
+
+lock: install ## resolve the dependencies anew
+	@$(BIN)/python -m pip install --quiet uv
+	@$(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-emit-index-url --no-header \
+		--all-extras pyproject.toml --output-file requirements.lock
+
+clean: ## remove the virtual environment and what the demo keeps
+	@rm -rf $(VENV) .vbr

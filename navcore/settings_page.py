@@ -1,0 +1,36 @@
+"""The settings page of the docs, made from the settings model."""
+
+from __future__ import annotations
+
+from navcore.settings import SettingSpec, setting_specs
+
+
+def settings_markdown() -> str:
+    """Return docs/settings.md."""
+    lines = [
+        "# Settings",
+        "",
+        "Made by `make docs` from `navcore/settings.py`. Change one for a run with `--set group.name=value`, or live in the",
+        "console. Settings marked ⚠ are critical to safety.",
+    ]
+    group = ""
+    for spec in setting_specs():
+        if spec.group != group:
+            group = spec.group
+            lines += [
+                "",
+                f"## {spec.group_title} (`{group}`)",
+                "",
+                "| setting | default | range | meaning | source |",
+                "| --- | --- | --- | --- | --- |",
+            ]
+        lines.append(_row(spec))
+    return "\n".join(lines) + "\n"
+
+
+def _row(spec: SettingSpec) -> str:
+    unit = f" {spec.unit}" if spec.unit else ""
+    span = ", ".join(spec.choices) if spec.low is None else f"{spec.low:g} – {spec.high:g}{unit}"
+    warning = " ⚠" if spec.safety else ""
+    default = spec.default if isinstance(spec.default, str) else f"{spec.default:g}{unit}"
+    return f"| `{spec.name}`{warning} | {default} | {span} | {spec.meaning} | {spec.source} |"

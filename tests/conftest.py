@@ -1,0 +1,63 @@
+"""Shared fixtures: real parts, made small."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph
+from navcore.site import Site
+from navcore.types import CameraIntrinsics
+
+REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+def data_folder() -> Path:
+    """Where the real recordings lie: VBR_DATA, or ../shared/data beside the checkout."""
+    return Path(os.environ.get("VBR_DATA", REPOSITORY.parent / "shared" / "data"))
+
+
+@pytest.fixture(scope="session")
+def fr1_rpy() -> Path:
+    return _recording("fr1_rpy_350")
+
+
+@pytest.fixture(scope="session")
+def fr3_cabinet() -> Path:
+    return _recording("fr3_cabinet_58")
+
+
+def _recording(name: str) -> Path:
+    folder = data_folder() / name
+    if not folder.is_dir():
+        pytest.skip(f"the real recording {name} is not at {data_folder()} (set VBR_DATA)")
+    return folder
+
+
+@pytest.fixture
+def small_site() -> Site:
+    """A site of a few points: its form is real, its map is not usable for localization."""
+    rng = np.random.default_rng(3)
+    road = np.stack([np.linspace(0.0, 6.0, 61), np.zeros(61), np.full(61, 1.6)], axis=1)
+    graph = PoiGraph(
+        version=1,
+        pois={"a": Poi("a", "Hall", "hall", 0.0, 0.0), "b": Poi("b", "Bar", "bar", 6.0, 0.0)},
+        edges={"a-b": Edge("a-b", "a", "b", ((0.0, 0.0), (6.0, 0.0)), 6.0)},
+    )
+    return Site(
+        site_id="small",
+        name="Small site",
+        intrinsics=CameraIntrinsics(320, 240, 230.0, 230.0, 160.0, 120.0),
+        map_arrays={
+            "keyframe_poses": np.tile(np.eye(4), (2, 1, 1)),
+            "descriptors": rng.integers(0, 256, (5, 32), np.uint8),
+        },
+        roads_m=(road,),
+        cloud_points_m=rng.normal(size=(50, 3)).astype(np.float32),
+        cloud_colours_rgb=rng.integers(0, 256, (50, 3)).astype(np.uint8),
+        poi_graph=graph,
+        report={"keyframes": 2},
+    )

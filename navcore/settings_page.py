@@ -10,8 +10,8 @@ def settings_markdown() -> str:
     lines = [
         "# Settings",
         "",
-        "Made by `make docs` from `navcore/settings.py`. Change one for a run with `--set group.name=value`, or live in the",
-        "console. Settings marked ⚠ are critical to safety.",
+        "Made by `make docs` from `navcore/settings.py`. Change one for a run with `--set group.name=value`, or live",
+        "in the console. Settings marked ⚠ are critical to safety.",
     ]
     group = ""
     for spec in setting_specs():

@@ -1,0 +1,65 @@
+"""What became of a command, read from what the device says afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from console.live import Command
+from navcore.wire import DeviceMessage, Event, RouteChanged, SettingsRunning, WalkerState
+
+_OPPOSITES = {"set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause"}
+
+
+def judge(command: Command, message: DeviceMessage) -> Command:
+    """Return the command as it stands after a message of its device."""
+    if command.state != "sent":
+        return command
+    if isinstance(message, SettingsRunning):
+        return _judge_settings(command, message)
+    if isinstance(message, RouteChanged):
+        return _judge_route(command, message)
+    done = (isinstance(message, WalkerState) and _shown_by(command, message)) or (
+        isinstance(message, Event) and command.kind == "say" and command.detail in message.text
+    )
+    return replace(command, state="running") if done else command
+
+
+def superseded(command: Command, by: Command) -> Command:
+    """Return a command that still waits, given a later one of the same matter: it will not be answered any more."""
+    if command.state == "sent" and command.kind != "say" and by.kind in (command.kind, _OPPOSITES.get(command.kind)):
+        return replace(command, state="unanswered")
+    return command
+
+
+def _judge_settings(command: Command, message: SettingsRunning) -> Command:
+    if command.kind != "apply_settings":
+        return command
+    if message.refused_revision is not None and str(message.refused_revision) == command.detail:
+        return replace(command, state="refused", refusal=message.refusal)
+    return replace(command, state="running") if str(message.revision) == command.detail else command
+
+
+def _judge_route(command: Command, message: RouteChanged) -> Command:
+    if command.kind == "clear":
+        return replace(command, state="running") if message.destination_id is None else command
+    if command.kind != "set_destination":
+        return command
+    if message.refusal:
+        return replace(command, state="refused", refusal=message.refusal)
+    return replace(command, state="running") if message.destination_id == command.detail else command
+
+
+def _shown_by(command: Command, state: WalkerState) -> bool:
+    match command.kind:
+        case "set_destination":
+            return state.destination_id == command.detail
+        case "clear":
+            return state.destination_id is None
+        case "pause":
+            return state.mode == "paused"
+        case "resume":
+            return state.mode != "paused"
+        case "say":
+            return state.last_cue == command.detail
+        case _:
+            return False

@@ -1,0 +1,59 @@
+"""What the console refuses, and with which HTTP status.
+
+VbrError
+└── ConsoleError            the console refuses a request; its text is one sentence
+    ├── BadRequestError 400  what was sent cannot be used
+    ├── SignInError 401      nobody is signed in, or name and password do not match
+    ├── ForbiddenError 403   the role may not do this
+    ├── NotFoundError 404    there is no such thing
+    ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
+    └── TooManyError 429     asked too often
+"""
+
+from __future__ import annotations
+
+from navcore.errors import VbrError
+
+
+class ConsoleError(VbrError):
+    """The console refuses a request."""
+
+    status = 400
+
+
+class BadRequestError(ConsoleError):
+    """What was sent cannot be used."""
+
+
+class SignInError(ConsoleError):
+    """Nobody is signed in, or name and password do not match."""
+
+    status = 401
+
+
+class ForbiddenError(ConsoleError):
+    """The role does not permit this."""
+
+    status = 403
+
+
+class NotFoundError(ConsoleError):
+    """There is no such thing."""
+
+    status = 404
+
+
+class ConflictError(ConsoleError):
+    """Somebody else changed it meanwhile, or its state does not allow it."""
+
+    status = 409
+
+
+class TooManyError(ConsoleError):
+    """Asked too often; ``retry_after_s`` says when to try again."""
+
+    status = 429
+
+    def __init__(self, sentence: str, retry_after_s: float) -> None:
+        super().__init__(sentence)
+        self.retry_after_s = retry_after_s

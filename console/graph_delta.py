@@ -1,0 +1,76 @@
+"""What an edit changed in the PoI-graph: before and after, thing by thing.
+
+One small value serves undo (the inverse), the log on disk (replay gives the same graph) and conflicts (what is there
+now is not what the change left behind).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TypeVar
+
+import msgspec
+
+from console.errors import ConflictError
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph
+
+Item = TypeVar("Item", Poi, Edge)
+
+
+class GraphDelta(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The PoIs and edges that differ, each as (before, after); None where there was, or is, none."""
+
+    pois: dict[str, tuple[Poi | None, Poi | None]] = {}
+    edges: dict[str, tuple[Edge | None, Edge | None]] = {}
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether nothing differs."""
+        return not self.pois and not self.edges
+
+    def inverse(self) -> GraphDelta:
+        """Return the change that takes this one back."""
+        return GraphDelta(
+            {key: (after, before) for key, (before, after) in self.pois.items()},
+            {key: (after, before) for key, (before, after) in self.edges.items()},
+        )
+
+
+def difference(before: PoiGraph, after: PoiGraph) -> GraphDelta:
+    """Return what leads from one graph to another."""
+    return GraphDelta(_differing(before.pois, after.pois), _differing(before.edges, after.edges))
+
+
+def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
+    """Return the graph with the change made, as ``version``.
+
+    Raises ConflictError where the graph does not hold what the change starts from, or would no longer be whole.
+    """
+    changed = PoiGraph(version, _with(graph.pois, delta.pois), _with(graph.edges, delta.edges))
+    for edge in changed.edges.values():
+        if edge.a not in changed.pois or edge.b not in changed.pois:
+            raise ConflictError("An edge that was drawn since leads to this place: delete that edge first.")
+    return changed
+
+
+def _differing(before: Mapping[str, Item], after: Mapping[str, Item]) -> dict[str, tuple[Item | None, Item | None]]:
+    keys = [*before, *(key for key in after if key not in before)]
+    return {key: (before.get(key), after.get(key)) for key in keys if before.get(key) != after.get(key)}
+
+
+def _with(items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, Item | None]]) -> dict[str, Item]:
+    result = dict(items)
+    for key, (before, after) in changes.items():
+        if result.get(key) != before:
+            raise ConflictError(f"{_label(result.get(key) or before)} was changed meanwhile: change it by hand.")
+        if after is None:
+            result.pop(key, None)
+        else:
+            result[key] = after
+    return result
+
+
+def _label(item: Poi | Edge | None) -> str:
+    if isinstance(item, Poi):
+        return f"The place “{item.name}”"
+    return "An edge"

@@ -1,0 +1,240 @@
+"""All devices that are, or were, connected: what each says, and what is asked of it.
+
+The link (``console.device_link``) hands every message in; pages and scene read :meth:`DeviceHub.devices` and
+subscribe. Commands go out at once, and their fate is followed until the device answers.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Protocol
+
+from console.clock_offset import ClockOffset
+from console.command_fate import judge, superseded
+from console.errors import ConflictError, NotFoundError
+from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
+from navcore.planning.poi_graph import PoiGraph
+from navcore.settings import SettingValue
+from navcore.wire import (
+    ApplySettings,
+    ClearDestination,
+    ConsoleMessage,
+    DepthImage,
+    DeviceMessage,
+    Event,
+    GraphRunning,
+    Hello,
+    MapRunning,
+    Pause,
+    Pong,
+    PublishGraph,
+    Resume,
+    RouteChanged,
+    Say,
+    SetDestination,
+    SettingsRunning,
+    WalkerState,
+)
+
+_log = logging.getLogger(__name__)
+Listener = Callable[[LiveDevice], None]
+
+
+class Outlet(Protocol):
+    """The way to one connected device."""
+
+    def send(self, message: ConsoleMessage) -> None:
+        """Queue a message for the device; from any thread, never blocks."""
+        ...
+
+    def close(self, code: int, reason: str) -> None:
+        """End the link; from any thread, never blocks."""
+        ...
+
+
+class DeviceHub:
+    """The devices, latest state and commands. All methods may be called from any thread.
+
+    ``now_s`` is the steady clock of ages, ``wall_s`` the clock of dates.
+    """
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic, wall_s: Callable[[], float] = time.time) -> None:
+        self.now_s = now_s
+        self._wall_s = wall_s
+        self._lock = threading.RLock()
+        self._devices: dict[str, LiveDevice] = {}
+        self._outlets: dict[str, Outlet] = {}
+        self._clocks: dict[str, ClockOffset] = {}
+        self._listeners: list[Listener] = []
+        self._command_ids = itertools.count(1)
+
+    # ------------------------------------------------------------------------------------------------ reading
+    def devices(self) -> tuple[LiveDevice, ...]:
+        """Every device that has connected since the console started, by name."""
+        with self._lock:
+            return tuple(sorted(self._devices.values(), key=lambda device: (device.name, device.device_id)))
+
+    def device(self, device_id: str) -> LiveDevice:
+        """Return one device. Raises NotFoundError."""
+        device = self._devices.get(device_id)
+        if device is None:
+            raise NotFoundError(f"No device {device_id!r} has connected since the console started.")
+        return device
+
+    def subscribe(self, listener: Listener) -> Callable[[], None]:
+        """Call ``listener`` after each message of a device, from whichever thread; return what ends that.
+
+        The hub is locked meanwhile: note what changed, and return.
+        """
+        with self._lock:
+            self._listeners.append(listener)
+
+        def unsubscribe() -> None:
+            with self._lock:
+                if listener in self._listeners:
+                    self._listeners.remove(listener)
+
+        return unsubscribe
+
+    # --------------------------------------------------------------------------------------------------- link
+    def connect(self, hello: Hello, name: str, outlet: Outlet, events: tuple[Event, ...] = ()) -> LiveDevice:
+        """Take a device in; an older link of the same device is closed. ``events`` are its latest stored ones."""
+        now_s = self.now_s()
+        with self._lock:
+            older = self._outlets.get(hello.device_id)
+            if older is not None:
+                older.close(4409, "The same device has connected again.")
+            clock = self._clocks[hello.device_id] = ClockOffset(hello.now_s, now_s)
+            self._outlets[hello.device_id] = outlet
+            known = self._devices.get(hello.device_id)
+            device = LiveDevice(
+                hello.device_id, name, hello, True, now_s, clock.offset_s,
+                events=known.events if known else events,
+                settings_revision=hello.settings_revision,
+                graph_version=hello.graph_version,
+                map_checksum=hello.map_checksum,
+                settings=known.settings if known and known.settings_revision == hello.settings_revision else None,
+                commands=known.commands if known else (),
+            )  # fmt: skip
+            self._put(device)
+            return device
+
+    def disconnect(self, device_id: str, outlet: Outlet) -> None:
+        """Note that a link has ended; a newer link of the same device stays."""
+        with self._lock:
+            if self._outlets.get(device_id) is not outlet:
+                return
+            del self._outlets[device_id]
+            device = self._devices[device_id]
+            commands = tuple(
+                replace(command, state="unanswered") if command.state == "sent" else command
+                for command in device.commands
+            )
+            self._put(replace(device, connected=False, commands=commands))
+
+    def receive(self, device_id: str, message: DeviceMessage) -> None:
+        """Take in one message of a connected device."""
+        now_s = self.now_s()
+        with self._lock:
+            device = self._updated(self._devices[device_id], message, now_s)
+            commands = tuple(judge(command, message) for command in device.commands)
+            self._put(replace(device, commands=commands))
+
+    def send(self, device_id: str, message: ConsoleMessage) -> None:
+        """Send what is no command of a person (maps, pings, confirmations); nothing where the device is away."""
+        with self._lock:
+            outlet = self._outlets.get(device_id)
+        if outlet is not None:
+            outlet.send(message)
+
+    def offer_graph(self, graph: PoiGraph) -> None:
+        """Give a published graph to every connected device that runs another version."""
+        with self._lock:
+            behind = [
+                outlet
+                for device_id, outlet in self._outlets.items()
+                if self._devices[device_id].graph_version != graph.version
+            ]
+        for outlet in behind:
+            outlet.send(PublishGraph(graph))
+
+    def close_named(self, name: str) -> None:
+        """End the links of the devices that signed in with the token of this name (it was revoked)."""
+        with self._lock:
+            outlets = [o for device_id, o in self._outlets.items() if self._devices[device_id].name == name]
+        for outlet in outlets:
+            outlet.close(4401, "The token of this device was revoked.")
+
+    # ----------------------------------------------------------------------------------------------- commands
+    def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
+        """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
+        return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id))
+
+    def clear(self, device_id: str, who: str) -> Command:
+        """Stop leading."""
+        return self._command(device_id, "clear", "", who, ClearDestination())
+
+    def pause(self, device_id: str, who: str) -> Command:
+        """Hold guidance: the walker stands."""
+        return self._command(device_id, "pause", "", who, Pause())
+
+    def resume(self, device_id: str, who: str) -> Command:
+        """Go on after a pause."""
+        return self._command(device_id, "resume", "", who, Resume())
+
+    def say(self, device_id: str, text: str, who: str) -> Command:
+        """Speak a sentence to the walker."""
+        return self._command(device_id, "say", text, who, Say(text))
+
+    def apply_settings(self, device_id: str, revision: int, values: Mapping[str, SettingValue], who: str) -> Command:
+        """Have the device run these settings, all or none."""
+        return self._command(device_id, "apply_settings", str(revision), who, ApplySettings(revision, dict(values)))
+
+    # ----------------------------------------------------------------------------------------------- internals
+    def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
+        with self._lock:
+            device = self.device(device_id)
+            outlet = self._outlets.get(device_id)
+            if outlet is None:
+                raise ConflictError(f"{device.name} is not connected: wait until it is back, then try again.")
+            command = Command(next(self._command_ids), kind, detail, who, self._wall_s())
+            earlier = tuple(superseded(old, command) for old in device.commands[-COMMANDS_KEPT_COUNT + 1 :])
+            self._put(replace(device, commands=(*earlier, command)))
+        outlet.send(message)
+        return command
+
+    def _put(self, device: LiveDevice) -> None:
+        self._devices[device.device_id] = device
+        for listener in tuple(self._listeners):
+            try:
+                listener(device)
+            except Exception:
+                _log.exception("A listener of the hub failed.")
+
+    def _updated(self, device: LiveDevice, message: DeviceMessage, now_s: float) -> LiveDevice:
+        match message:
+            case WalkerState():
+                return replace(device, state=message, state_arrival_s=now_s)
+            case DepthImage():
+                return replace(device, depth_image=message)
+            case RouteChanged():
+                return replace(device, route=message)
+            case Event():
+                return replace(device, events=(*device.events, message)[-EVENTS_KEPT_COUNT:])
+            case SettingsRunning():
+                return replace(device, settings=dict(message.values), settings_revision=message.revision)
+            case GraphRunning():
+                return replace(device, graph_version=message.version, graph_refusal=message.refusal)
+            case MapRunning():
+                return replace(device, map_checksum=message.map_checksum, map_refusal=message.refusal)
+            case Pong():
+                clock = self._clocks[device.device_id]
+                clock.add(message.console_now_s, message.device_now_s, now_s)
+                return replace(device, clock_offset_s=clock.offset_s, round_trip_s=clock.round_trip_s)
+            case Hello():
+                return replace(device, hello=message)

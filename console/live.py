@@ -1,0 +1,97 @@
+"""What is known of one device, as values: the latest of each message, its age, and what was asked of the device."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from typing import Literal
+
+from navcore.settings import SettingValue
+from navcore.wire import DepthImage, Event, Hello, RouteChanged, WalkerState
+
+DELAYED_AFTER_S = 1.0
+STALE_AFTER_S = 5.0
+LOST_AFTER_S = 15.0
+EVENTS_KEPT_COUNT = 200
+COMMANDS_KEPT_COUNT = 30
+
+
+CommandKind = Literal["set_destination", "clear", "pause", "resume", "say", "apply_settings"]
+
+
+class Freshness(enum.Enum):
+    """How far what is shown may be believed to be now."""
+
+    LIVE = "live"
+    DELAYED = "delayed"
+    STALE = "stale"
+    LOST = "lost"
+
+
+def freshness(age_s: float | None, connected: bool) -> Freshness:
+    """Return how fresh something of this age is; without a link, or without anything, it is LOST."""
+    if age_s is None or not connected or age_s > LOST_AFTER_S:
+        return Freshness.LOST
+    if age_s > STALE_AFTER_S:
+        return Freshness.STALE
+    return Freshness.DELAYED if age_s > DELAYED_AFTER_S else Freshness.LIVE
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Something that was asked of a device, and what became of it."""
+
+    id: int
+    kind: CommandKind
+    detail: str
+    """PoI id, sentence, or revision, as a text."""
+    who: str
+    at_s: float
+    """Unix time of asking."""
+    state: Literal["sent", "running", "refused", "unanswered"] = "sent"
+    """``unanswered``: the link broke, or a later command took its place, before the device answered."""
+    refusal: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class LiveDevice:
+    """A device as the console knows it now. Frozen: the hub makes a new one at each message."""
+
+    device_id: str
+    name: str
+    """Name of the token that the device signed in with."""
+    hello: Hello
+    connected: bool
+    connected_at_s: float
+    """Monotonic time of the last connecting (console clock)."""
+    clock_offset_s: float
+    """Device clock minus the console's monotonic clock."""
+    round_trip_s: float | None = None
+    state: WalkerState | None = None
+    state_arrival_s: float | None = None
+    """Monotonic time of arrival (console clock)."""
+    route: RouteChanged | None = None
+    depth_image: DepthImage | None = None
+    events: tuple[Event, ...] = ()
+    """The latest, oldest first."""
+    settings: dict[str, SettingValue] | None = None
+    """The settings that the device runs; None until it has told them."""
+    settings_revision: int = 0
+    graph_version: int = 0
+    graph_refusal: str = ""
+    map_checksum: str = ""
+    map_refusal: str = ""
+    commands: tuple[Command, ...] = field(default=())
+    """The latest, oldest first."""
+
+    def age_s(self, now_s: float) -> float | None:
+        """Seconds since the frame behind ``state`` was captured; ``now_s`` is the console's monotonic clock."""
+        return None if self.state is None else self.age_of(self.state.stamp_s, now_s)
+
+    def age_of(self, stamp_s: float, now_s: float) -> float:
+        """Seconds since a time on the device's clock; never negative."""
+        return max(0.0, now_s - (stamp_s - self.clock_offset_s))
+
+    def freshness(self, now_s: float) -> Freshness:
+        """How fresh ``state`` is."""
+        return freshness(self.age_s(now_s), self.connected)

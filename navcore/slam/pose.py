@@ -1,0 +1,455 @@
+"""Pose of one camera from known landmarks: robust refinement, and RANSAC where there is no first guess.
+
+Observations are rows (u, v, u_right) in pixels, u_right = u − bf / z being the column where a second camera at the
+baseline would see the landmark; it is NaN where depth was not measured (ORB-SLAM2, section III-A).
+"""
+
+from __future__ import annotations
+
+import math
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.compiled import kernel
+from navcore.geometry import FloatArray
+from navcore.slam.lie import update_pose
+
+BoolArray = NDArray[np.bool_]
+
+CHI2_MONO = 5.991
+"""95 % of the χ² distribution with two degrees of freedom: a landmark seen without depth."""
+CHI2_DEPTH = 7.815
+"""95 % of the χ² distribution with three degrees of freedom: a landmark seen with depth."""
+MIN_DEPTH_M = 0.05
+MIN_OBSERVATIONS = 3
+_ROUNDS = 4
+_ITERATIONS = 10
+_STEP_DONE = 1e-6
+
+
+def refine_pose(
+    camera_from_world: FloatArray,
+    points_world: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    fx_px: float,
+    fy_px: float,
+    cx_px: float,
+    cy_px: float,
+    bf: float,
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    """Refine a camera's pose on landmarks that stay where they are (ORB-SLAM2, motion-only bundle adjustment).
+
+    Takes the first guess (4, 4), landmarks (n, 3) in metres, observations (n, 3) in pixels, the inverse variance of
+    each (n,) in 1/px², and the camera (``bf``: baseline × fx, px·m). Four rounds of a Huber-robust optimization, each
+    followed by a new decision which observations are inliers (χ² 5.991, with depth 7.815).
+
+    Returns the pose (4, 4), the inliers (n,), and the information (6, 6), the inverse covariance of a left-multiplied
+    twist (translation, rotation) in the camera's frame; with fewer than three observations the guess comes back,
+    without inliers and with zero information.
+    """
+    pose = np.array(camera_from_world, dtype=np.float64, order="C")
+    count = points_world.shape[0]
+    if count < MIN_OBSERVATIONS:
+        return pose, np.zeros(count, dtype=np.bool_), np.zeros((6, 6))
+    return _refine(
+        pose,
+        np.ascontiguousarray(points_world, dtype=np.float64),
+        np.ascontiguousarray(observations, dtype=np.float64),
+        np.ascontiguousarray(inv_sigma2, dtype=np.float64),
+        float(fx_px),
+        float(fy_px),
+        float(cx_px),
+        float(cy_px),
+        float(bf),
+    )
+
+
+def covariance_in_world(camera_from_world: FloatArray, information: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of (camera position, rotation) in the world frame, m² and rad².
+
+    ``information`` is what :func:`refine_pose` gives. A direction that nothing constrains gets a large variance
+    (10⁶), never a small one.
+    """
+    values, vectors = np.linalg.eigh(0.5 * (information + information.T))
+    covariance = (vectors / np.maximum(values, 1e-6)) @ vectors.T
+    rotation = camera_from_world[:3, :3]
+    # R ← exp(φ) R and t ← exp(φ) t + ρ move the centre −Rᵀt by −Rᵀρ, and turn the camera by −Rᵀφ in the world.
+    jacobian = np.zeros((6, 6))
+    jacobian[:3, :3] = -rotation.T
+    jacobian[3:, 3:] = -rotation.T
+    return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def pnp_ransac(
+    points_world: FloatArray,
+    uv_px: FloatArray,
+    fx_px: float,
+    fy_px: float,
+    cx_px: float,
+    cy_px: float,
+    seed: int = 0,
+    threshold_px: float = 4.0,
+    iterations: int = 200,
+    min_inliers: int = 8,
+) -> tuple[FloatArray, BoolArray] | None:
+    """Find a camera's pose from landmarks (n, 3) and where they are seen (n, 2), many of them possibly wrong.
+
+    Returns (``camera_from_world`` (4, 4), inliers (n,)), or None where fewer than ``min_inliers`` agree. The same
+    input and seed give the same result.
+    """
+    count = points_world.shape[0]
+    if count < max(4, min_inliers):
+        return None
+    camera = np.array([[fx_px, 0.0, cx_px], [0.0, fy_px, cy_px], [0.0, 0.0, 1.0]])
+    points = np.ascontiguousarray(points_world, dtype=np.float64).reshape(-1, 1, 3)
+    pixels = np.ascontiguousarray(uv_px, dtype=np.float64).reshape(-1, 1, 2)
+    cv2.setRNGSeed(seed)
+    try:
+        found, rotvec, translation, inlier_index = cv2.solvePnPRansac(
+            points,
+            pixels,
+            camera,
+            np.zeros(0),
+            iterationsCount=iterations,
+            reprojectionError=threshold_px,
+            confidence=0.999,
+            flags=cv2.SOLVEPNP_SQPNP,
+        )
+    except cv2.error:
+        return None
+    if not found or inlier_index is None or len(inlier_index) < min_inliers:
+        return None
+    index = inlier_index[:, 0]
+    rotvec, translation = cv2.solvePnPRefineLM(points[index], pixels[index], camera, np.zeros(0), rotvec, translation)
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(rotvec)[0]
+    pose[:3, 3] = translation[:, 0]
+    if not np.all(np.isfinite(pose)):
+        return None
+    inliers = _reprojection_inliers(pose, points[:, 0], pixels[:, 0], camera, threshold_px)
+    if int(np.count_nonzero(inliers)) < min_inliers:
+        return None
+    return pose, inliers
+
+
+def _reprojection_inliers(
+    pose: FloatArray, points: FloatArray, pixels: FloatArray, camera: FloatArray, threshold_px: float
+) -> BoolArray:
+    in_camera = points @ pose[:3, :3].T + pose[:3, 3]
+    depth = np.maximum(in_camera[:, 2], MIN_DEPTH_M)
+    projected = in_camera @ camera.T
+    error = projected[:, :2] / depth[:, None] - pixels
+    return np.asarray((np.sum(error**2, axis=1) <= threshold_px**2) & (in_camera[:, 2] > MIN_DEPTH_M))
+
+
+def align(points_a: FloatArray, points_b: FloatArray) -> FloatArray:
+    """Return ``a_from_b`` (4, 4), the rigid transform that best takes points b (n, 3) onto points a (n, 3) (Horn)."""
+    centre_a, centre_b = points_a.mean(axis=0), points_b.mean(axis=0)
+    u, _, vt = np.linalg.svd((points_b - centre_b).T @ (points_a - centre_a))
+    sign = np.sign(np.linalg.det(vt.T @ u.T))
+    rotation = vt.T @ np.diag([1.0, 1.0, sign if sign != 0 else 1.0]) @ u.T
+    result = np.eye(4)
+    result[:3, :3] = rotation
+    result[:3, 3] = centre_a - rotation @ centre_b
+    return result
+
+
+def align_ransac(
+    points_a: FloatArray,
+    points_b: FloatArray,
+    threshold_m: float | FloatArray = 0.1,
+    seed: int = 0,
+    iterations: int = 200,
+    min_inliers: int = 12,
+) -> tuple[FloatArray, BoolArray] | None:
+    """Find the rigid transform between matched points (n, 3) and (n, 3), many of them possibly wrong.
+
+    ``threshold_m`` is the distance up to which a pair agrees, one number or one per pair (depth gets worse with
+    distance). Returns (``a_from_b`` (4, 4), inliers (n,)), or None where fewer than ``min_inliers`` agree.
+    """
+    count = points_a.shape[0]
+    if count < max(3, min_inliers):
+        return None
+    a = np.ascontiguousarray(points_a, dtype=np.float64)
+    b = np.ascontiguousarray(points_b, dtype=np.float64)
+    limit2 = np.square(np.broadcast_to(np.asarray(threshold_m, dtype=np.float64), (count,)))
+    rng = np.random.default_rng(seed)
+    # Many triples at once: the closed form of each is one batched 3×3 decomposition.
+    triples = np.argsort(rng.random((iterations, count)), axis=1)[:, :3]
+    transforms = _align_batch(a[triples], b[triples])
+    moved = np.einsum("kij,nj->kni", transforms[:, :3, :3], b) + transforms[:, None, :3, 3]
+    agrees = np.sum((moved - a) ** 2, axis=2) <= limit2
+    inliers = agrees[int(np.argmax(np.count_nonzero(agrees, axis=1)))]
+    for _ in range(3):
+        if int(np.count_nonzero(inliers)) < min_inliers:
+            return None
+        transform = align(a[inliers], b[inliers])
+        inliers = np.sum((b @ transform[:3, :3].T + transform[:3, 3] - a) ** 2, axis=1) <= limit2
+    if int(np.count_nonzero(inliers)) < min_inliers:
+        return None
+    return transform, inliers
+
+
+def _align_batch(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Horn's closed form for many sets of points (k, m, 3) at once, giving (k, 4, 4)."""
+    centre_a, centre_b = a.mean(axis=1), b.mean(axis=1)
+    covariance = np.einsum("kmi,kmj->kij", b - centre_b[:, None], a - centre_a[:, None])
+    u, _, vt = np.linalg.svd(covariance)
+    v, ut = vt.transpose(0, 2, 1), u.transpose(0, 2, 1)
+    v[:, :, 2] *= np.where(np.linalg.det(v @ ut) < 0, -1.0, 1.0)[:, None]
+    rotation = v @ ut
+    out = np.zeros((len(a), 4, 4))
+    out[:, :3, :3] = rotation
+    out[:, :3, 3] = centre_a - np.einsum("kij,kj->ki", rotation, centre_b)
+    out[:, 3, 3] = 1.0
+    return out
+
+
+@kernel
+def _chi2(
+    pose: FloatArray, x: FloatArray, o: FloatArray, w: float, fx: float, fy: float, cx: float, cy: float, bf: float
+) -> float:
+    """Weighted squared error of one observation; infinite behind the camera."""
+    pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
+    if pz < MIN_DEPTH_M:
+        return np.inf
+    px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
+    py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
+    u = fx * px / pz + cx
+    e0 = u - o[0]
+    e1 = fy * py / pz + cy - o[1]
+    total = e0 * e0 + e1 * e1
+    if not math.isnan(o[2]):
+        e2 = u - bf / pz - o[2]
+        total += e2 * e2
+    return total * w
+
+
+@kernel
+def _robust_cost(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    used: BoolArray,
+    robust: bool,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    bf: float,
+) -> float:
+    total = 0.0
+    for i in range(points.shape[0]):
+        if not used[i]:
+            continue
+        limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
+        chi2 = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf)
+        if math.isinf(chi2):
+            chi2 = 1e6
+        if robust and chi2 > limit:
+            chi2 = 2.0 * math.sqrt(limit * chi2) - limit
+        total += chi2
+    return total
+
+
+@kernel
+def _normal_equations(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    used: BoolArray,
+    robust: bool,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    bf: float,
+    h: FloatArray,
+    g: FloatArray,
+) -> None:
+    """Fill h (6, 6) = Σ JᵀWJ and g (6,) = Σ JᵀWe over the used observations."""
+    h[:, :] = 0.0
+    g[:] = 0.0
+    j = np.empty((3, 6))
+    e = np.empty(3)
+    for i in range(points.shape[0]):
+        if not used[i]:
+            continue
+        x = points[i]
+        pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
+        if pz < MIN_DEPTH_M:
+            continue
+        px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
+        py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
+        iz = 1.0 / pz
+        has_depth = not math.isnan(observations[i, 2])
+        u = fx * px * iz + cx
+        e[0] = u - observations[i, 0]
+        e[1] = fy * py * iz + cy - observations[i, 1]
+        chi2 = e[0] * e[0] + e[1] * e[1]
+        limit = CHI2_MONO
+        rows = 2
+        if has_depth:
+            e[2] = u - bf * iz - observations[i, 2]
+            chi2 += e[2] * e[2]
+            limit = CHI2_DEPTH
+            rows = 3
+        w = inv_sigma2[i]
+        chi2 *= w
+        if robust and chi2 > limit:
+            w *= math.sqrt(limit / chi2)
+        a = fx * iz
+        b = -fx * px * iz * iz
+        j[0, 0] = a
+        j[0, 1] = 0.0
+        j[0, 2] = b
+        j[0, 3] = b * py
+        j[0, 4] = a * pz - b * px
+        j[0, 5] = -a * py
+        c = fy * iz
+        d = -fy * py * iz * iz
+        j[1, 0] = 0.0
+        j[1, 1] = c
+        j[1, 2] = d
+        j[1, 3] = -c * pz + d * py
+        j[1, 4] = -d * px
+        j[1, 5] = c * px
+        if has_depth:
+            f = b + bf * iz * iz
+            j[2, 0] = a
+            j[2, 1] = 0.0
+            j[2, 2] = f
+            j[2, 3] = f * py
+            j[2, 4] = a * pz - f * px
+            j[2, 5] = -a * py
+        for r in range(rows):
+            for k in range(6):
+                jw = j[r, k] * w
+                g[k] += jw * e[r]
+                for m in range(k, 6):
+                    h[k, m] += jw * j[r, m]
+    for k in range(6):
+        for m in range(k):
+            h[k, m] = h[m, k]
+
+
+@kernel
+def _solve6(h: FloatArray, g: FloatArray, damping: float, step: FloatArray) -> bool:
+    """Solve (h + damping · diag h) step = −g by Cholesky; False where it is not positive definite."""
+    low = np.empty((6, 6))
+    for i in range(6):
+        for j in range(i + 1):
+            s = h[i, j]
+            if i == j:
+                s += damping * h[i, i] + 1e-9
+            for k in range(j):
+                s -= low[i, k] * low[j, k]
+            if i == j:
+                if s <= 0.0:
+                    return False
+                low[i, i] = math.sqrt(s)
+            else:
+                low[i, j] = s / low[j, j]
+    for i in range(6):
+        s = -g[i]
+        for k in range(i):
+            s -= low[i, k] * step[k]
+        step[i] = s / low[i, i]
+    for i in range(5, -1, -1):
+        s = step[i]
+        for k in range(i + 1, 6):
+            s -= low[k, i] * step[k]
+        step[i] = s / low[i, i]
+    return True
+
+
+@kernel
+def _refine(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    bf: float,
+) -> tuple[FloatArray, BoolArray, FloatArray]:
+    n = points.shape[0]
+    used = np.ones(n, dtype=np.bool_)
+    h = np.zeros((6, 6))
+    g = np.zeros(6)
+    step = np.zeros(6)
+    trial = np.eye(4)
+    inlier_count = n
+    for round_index in range(_ROUNDS):
+        robust = round_index < _ROUNDS - 2
+        damping = 1e-5
+        cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+        fresh = False
+        for _ in range(_ITERATIONS):
+            if not fresh:
+                _normal_equations(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf, h, g)
+                fresh = True
+            if not _solve6(h, g, damping, step):
+                damping = max(damping * 10.0, 1e-5)
+                if damping > 1e3:
+                    break
+                continue
+            update_pose(pose, step, trial)
+            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+            length = 0.0
+            for k in range(6):
+                length += step[k] * step[k]
+            if trial_cost <= cost:
+                gain = cost - trial_cost
+                pose[:, :] = trial
+                cost = trial_cost
+                damping = max(damping * 0.1, 1e-9)
+                fresh = False
+                if length < _STEP_DONE * _STEP_DONE or gain < 1e-4 * cost:
+                    break
+            else:
+                damping = max(damping * 10.0, 1e-5)
+                if length < _STEP_DONE * _STEP_DONE or damping > 1e3:
+                    break
+        before = inlier_count
+        changed = False
+        inlier_count = 0
+        for i in range(n):
+            limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
+            inside = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf) <= limit
+            if inside != used[i]:
+                changed = True
+            used[i] = inside
+            if inside:
+                inlier_count += 1
+        if inlier_count < MIN_OBSERVATIONS or (not changed and not robust and before == inlier_count):
+            break
+    if inlier_count > 0:
+        _normal_equations(pose, points, observations, inv_sigma2, used, False, fx, fy, cx, cy, bf, h, g)
+    else:
+        h[:, :] = 0.0
+    # Many small rotations multiplied together drift away from a rotation.
+    x = pose[0, :3] / math.sqrt(np.sum(pose[0, :3] ** 2))
+    y = pose[1, :3] - x * np.sum(x * pose[1, :3])
+    y /= math.sqrt(np.sum(y * y))
+    pose[0, :3] = x
+    pose[1, :3] = y
+    pose[2, 0] = x[1] * y[2] - x[2] * y[1]
+    pose[2, 1] = x[2] * y[0] - x[0] * y[2]
+    pose[2, 2] = x[0] * y[1] - x[1] * y[0]
+    return pose, used, h
+
+
+def warm_up() -> None:
+    """Compile this module's kernels."""
+    points = np.array([[0.0, 0.0, 2.0], [1.0, 0.0, 3.0], [0.0, 1.0, 2.5], [1.0, 1.0, 4.0]])
+    uv = points[:, :2] / points[:, 2:] * 100.0 + 50.0
+    observations = np.column_stack([uv, uv[:, 0] - 8.0 / points[:, 2]])
+    refine_pose(np.eye(4), points, observations, np.ones(4), 100.0, 100.0, 50.0, 50.0, 8.0)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
+from navcore.slam.descriptors import WordArray, as_words, bit_distance
 from navcore.slam.keyframes import (
     DESCRIPTOR_BYTES,
     INV_SIGMA2,
@@ -294,13 +295,13 @@ class MapBuilder:
             np.ascontiguousarray(seen.landmark[order]),
             np.ascontiguousarray(centres[seen.keyframe[order]]),
             np.ascontiguousarray(octaves[order]),
-            np.ascontiguousarray(descriptors[order]),
+            as_words(descriptors[order]),
             SCALE_FACTOR,
             self.camera.fx_px,
             self.positions,
             self.normals,
             self.reach,
-            self.descriptors,
+            as_words(self.descriptors),
         )
 
     # ---------------------------------------------------------------------------------------------- storage
@@ -390,28 +391,17 @@ def _relabel(landmark_of: IntArray, survivor: IntArray) -> None:
 
 
 @kernel
-def _bit_distance(a: ByteArray, b: ByteArray) -> int:
-    total = 0
-    for i in range(len(a)):
-        v = a[i] ^ b[i]
-        while v:
-            v &= v - 1
-            total += 1
-    return total
-
-
-@kernel
 def _refresh(
     landmark: IntArray,
     centre: FloatArray,
     octave: IntArray,
-    descriptor: ByteArray,
+    words: WordArray,
     scale_factor: float,
     focal_px: float,
     positions: FloatArray,
     normals: FloatArray,
     reach: FloatArray,
-    descriptors: ByteArray,
+    map_words: WordArray,
 ) -> None:
     """Refresh the landmarks whose observations lie in runs of equal ``landmark`` (m,)."""
     start = 0
@@ -433,8 +423,8 @@ def _refresh(
         for i in range(start, end):
             distances = 0
             for j in range(start, end):
-                distances += _bit_distance(descriptor[i], descriptor[j])
+                distances += bit_distance(words[i], words[j])
             if distances < best_sum:
                 best, best_sum = i, distances
-        descriptors[point] = descriptor[best]
+        map_words[point] = words[best]
         start = end

@@ -1,0 +1,168 @@
+"""Building the map: one frame after the other, mapping in line with tracking, so that the same recording gives the same map.
+
+:class:`Mapper` takes frames; :func:`finish` closes the map. What a frame leaves is its pose relative to a key frame, so
+that the whole trajectory follows when key frames are moved by loop closing and adjustment.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navcore.geometry import FloatArray
+from navcore.slam import mapping
+from navcore.slam.features import FeatureExtractor
+from navcore.slam.keyframes import Features, IntArray, SlamCamera
+from navcore.slam.lie import inverse_se3
+from navcore.slam.map import MapBuilder
+from navcore.slam.relocalization import relocalize
+from navcore.slam.tracking import (
+    Track,
+    extend_by_map,
+    local_keyframes,
+    local_landmarks,
+    moved,
+    predict_pose,
+    track_last_frame,
+)
+from navcore.types import CameraIntrinsics, Frame
+
+MIN_START_POINTS = 100
+"""Features with depth that the first frame needs."""
+MIN_TRACKED = 25
+"""Landmarks that must agree for a frame to count as tracked."""
+CLOSE_DEPTH_M = 3.5
+"""Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
+KEYFRAME_RATIO = 0.75
+"""A key frame is due when fewer than this share of the reference's landmarks are tracked."""
+MAX_KEYFRAME_INTERVAL_S = 3.0
+"""A key frame is due after this time, where the camera moved."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FramePose:
+    """Where a frame was: relative to a key frame, or nowhere (``reference`` −1)."""
+
+    stamp_s: float
+    reference: int
+    camera_from_reference: FloatArray
+
+
+class Mapper:
+    """Builds a map from frames in the order of their stamps."""
+
+    def __init__(self, intrinsics: CameraIntrinsics, camera: SlamCamera, feature_count: int) -> None:
+        self.intrinsics = intrinsics
+        self.builder = MapBuilder(camera, feature_count)
+        self.frame_poses: list[FramePose] = []
+        self._extractor = FeatureExtractor(intrinsics, camera, feature_count)
+        self._last: Track | None = None
+        self._before_last: Track | None = None
+        self._reference = -1
+        self._last_keyframe_s = 0.0
+
+    def add(self, frame: Frame) -> bool:
+        """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
+        features = self._extractor.extract(frame)
+        if not self.builder.keyframes:
+            return self._start(frame.stamp_s, features)
+        track = self._track(frame.stamp_s, features)
+        if track is None:
+            self._before_last = None
+            self.frame_poses.append(FramePose(frame.stamp_s, -1, np.eye(4)))
+            return False
+        if self._is_keyframe_due(track):
+            track = self._insert_keyframe(track)
+        camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
+        self.frame_poses.append(FramePose(frame.stamp_s, self._reference, camera_from_reference))
+        self._before_last, self._last = self._last if self._was_tracked() else None, track
+        return True
+
+    def _was_tracked(self) -> bool:
+        return len(self.frame_poses) >= 2 and self.frame_poses[-2].reference >= 0
+
+    # --------------------------------------------------------------------------------------------- tracking
+    def _start(self, stamp_s: float, features: Features) -> bool:
+        near = np.nan_to_num(features.depth_m, nan=np.inf) < mapping.MAX_LANDMARK_DEPTH_M
+        if np.count_nonzero(near) < MIN_START_POINTS:
+            self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
+            return False
+        index = self.builder.add_keyframe(stamp_s, features, np.eye(4), np.full(len(features), -1, np.int32))
+        mapping.add_landmarks_from_depth(self.builder, index)
+        self._reference, self._last_keyframe_s = index, stamp_s
+        self._last = self._track_of(index)
+        self.frame_poses.append(FramePose(stamp_s, index, np.eye(4)))
+        return True
+
+    def _track_of(self, keyframe: int) -> Track:
+        held = self.builder.keyframes[keyframe]
+        return Track(
+            held.stamp_s,
+            held.features,
+            self.builder.camera_from_world[keyframe].copy(),
+            self.builder.landmark_of[keyframe, : len(held.features)].copy(),
+            np.zeros((6, 6)),
+        )
+
+    def _track(self, stamp_s: float, features: Features) -> Track | None:
+        assert self._last is not None
+        guess = predict_pose(self._last, self._before_last, stamp_s)
+        found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
+        if found is None:
+            found = relocalize(self.builder, None, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+            if found is None:
+                return None
+        landmarks = found.track.landmarks
+        seed = landmarks if len(landmarks) >= 10 else self._last.landmarks
+        keyframes = local_keyframes(self.builder, seed)
+        candidates = local_landmarks(self.builder, keyframes)
+        found, expected = extend_by_map(self.builder, found.track, candidates)
+        self.builder.visible[expected] += 1
+        self.builder.found[found.track.landmarks] += 1
+        if found.landmark_count < MIN_TRACKED:
+            return None
+        seeing, _ = self.builder.keyframes_seeing(found.track.landmarks)
+        self._reference = int(seeing[0])
+        return found.track
+
+    def _recent_keyframes(self) -> IntArray:
+        return np.flatnonzero(self.builder.keyframe_alive)[::-1][:20].astype(np.int32)
+
+    # -------------------------------------------------------------------------------------------- key frames
+    def _is_keyframe_due(self, track: Track) -> bool:
+        landmarks = track.landmarks
+        counts = self.builder.observation_counts()
+        reference = self.builder.landmark_of[self._reference]
+        reference = reference[reference >= 0]
+        min_observations = 2 if np.count_nonzero(self.builder.keyframe_alive) <= 2 else 3
+        in_reference = int(np.count_nonzero(counts[reference] >= min_observations))
+        close = np.nan_to_num(track.features.depth_m, nan=np.inf) < CLOSE_DEPTH_M
+        tracked_close = int(np.count_nonzero(close & (track.landmark_of >= 0)))
+        new_close = int(np.count_nonzero(close & (track.landmark_of < 0)))
+        needs_close = tracked_close < 100 and new_close > 70
+        late = track.stamp_s - self._last_keyframe_s > MAX_KEYFRAME_INTERVAL_S
+        few = len(landmarks) < KEYFRAME_RATIO * in_reference
+        return late or needs_close or few
+
+    def _insert_keyframe(self, track: Track) -> Track:
+        builder = self.builder
+        index = builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
+        self._last_keyframe_s = track.stamp_s
+        builder.refresh_landmarks(track.landmarks)
+        mapping.cull_young_landmarks(builder, index)
+        mapping.add_landmarks_from_depth(builder, index)
+        mapping.fuse_with_neighbours(builder, index)
+        mapping.adjust_locally(builder, index)
+        mapping.cull_redundant_keyframes(builder, index)
+        self._reference = index
+        return self._track_of(index)
+
+    # ---------------------------------------------------------------------------------------------- result
+    def trajectory(self) -> list[tuple[float, FloatArray]]:
+        """Return stamp and world_from_camera (4, 4) of every tracked frame."""
+        return [
+            (p.stamp_s, inverse_se3(p.camera_from_reference @ self.builder.pose_of(p.reference)))
+            for p in self.frame_poses
+            if p.reference >= 0
+        ]

@@ -1,0 +1,234 @@
+"""Local mapping: what happens to the map when a key frame joins it.
+
+New landmarks from depth (and by triangulation where there is none), fusion with what the neighbours already hold, local
+bundle adjustment, and culling of landmarks that are rarely found again and of key frames that show nothing new
+(Mur-Artal et al. 2015, section VI; Mur-Artal and Tardós 2017, section III).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navcore.compiled import kernel
+from navcore.geometry import FloatArray
+from navcore.slam.bundle_adjustment import bundle_adjust
+from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
+from navcore.slam.map import BoolArray, MapBuilder
+from navcore.slam.matching import DISTANCE_STRICT, match_projected, project_landmarks
+from navcore.slam.tracking import SCALES
+
+MAX_LANDMARK_DEPTH_M = 6.0
+"""Depth beyond which a sensor's noise makes no useful landmark."""
+LOCAL_ADJUSTMENT_KEYFRAMES = 15
+"""Key frames that local bundle adjustment moves, at most."""
+FIXED_KEYFRAMES = 30
+"""Key frames that hold them in place, at most."""
+FUSION_NEIGHBOURS = 10
+"""Covisible key frames with which landmarks are fused."""
+FUSION_RADIUS_PX = 3.0
+"""Search radius at pyramid level 0 when fusing."""
+REDUNDANT_SHARE = 0.9
+"""A key frame is redundant when this share of its landmarks is seen by three others at the same or a finer scale."""
+MIN_FOUND_RATIO = 0.25
+"""A young landmark found in a smaller share of the frames that should show it is culled."""
+YOUNG_KEYFRAMES = 3
+"""For so many key frames a landmark counts as young."""
+
+
+def add_landmarks_from_depth(builder: MapBuilder, keyframe: int) -> int:
+    """Make landmarks of the key frame's features that have a depth and show none yet; return how many."""
+    features = builder.keyframes[keyframe].features
+    free = builder.landmark_of[keyframe, : len(features)] < 0
+    near = np.nan_to_num(features.depth_m, nan=np.inf) <= MAX_LANDMARK_DEPTH_M
+    chosen = np.flatnonzero(free & near).astype(np.int32)
+    world_from_camera = np.linalg.inv(builder.camera_from_world[keyframe])
+    points = features.points_in_camera(builder.camera)[chosen]
+    builder.add_landmarks(keyframe, chosen, points @ world_from_camera[:3, :3].T + world_from_camera[:3, 3])
+    return len(chosen)
+
+
+def cull_young_landmarks(builder: MapBuilder, keyframe: int) -> None:
+    """Cull landmarks that are seldom found again, or seen by fewer than three key frames when they stop being young."""
+    age = keyframe - builder.first_keyframe
+    young = builder.landmark_alive & (age >= 1) & (age <= YOUNG_KEYFRAMES)
+    seldom = young & (builder.found < MIN_FOUND_RATIO * builder.visible)
+    lonely = young & (age >= YOUNG_KEYFRAMES - 1) & (builder.observation_counts() < 2)
+    gone = np.flatnonzero(seldom | lonely).astype(np.int32)
+    if len(gone):
+        builder.remove_landmarks(gone)
+
+
+def fuse_with_neighbours(builder: MapBuilder, keyframe: int) -> None:
+    """Join the key frame's landmarks with the neighbours': each is looked for in the other's features."""
+    neighbours, _ = builder.covisible(keyframe, 15)
+    neighbours = neighbours[:FUSION_NEIGHBOURS]
+    if len(neighbours) == 0:
+        return
+    own = _landmarks_of(builder, keyframe)
+    for neighbour in neighbours.tolist():
+        project_and_fuse(builder, neighbour, own)
+    theirs = [_landmarks_of(builder, neighbour) for neighbour in neighbours.tolist()]
+    project_and_fuse(builder, keyframe, np.unique(np.concatenate(theirs)))
+    builder.refresh_landmarks(_landmarks_of(builder, keyframe))
+
+
+def _landmarks_of(builder: MapBuilder, keyframe: int) -> IntArray:
+    row = builder.landmark_of[keyframe]
+    return np.unique(row[row >= 0])
+
+
+def project_and_fuse(
+    builder: MapBuilder, keyframe: int, landmarks: IntArray, radius_px: float = FUSION_RADIUS_PX
+) -> int:
+    """Look for landmarks in a key frame that does not see them; connect them, or fuse them with what is there.
+
+    Of two landmarks at one feature the one seen by more key frames survives. Return how many were connected or fused.
+    """
+    landmarks = landmarks[builder.landmark_alive[landmarks]]
+    features = builder.keyframes[keyframe].features
+    row = builder.landmark_of[keyframe, : len(features)]
+    landmarks = landmarks[~np.isin(landmarks, row[row >= 0])]
+    if len(landmarks) == 0:
+        return 0
+    uvr, _, octave, _ = project_landmarks(
+        builder.camera_from_world[keyframe],
+        builder.positions[landmarks],
+        builder.normals[landmarks],
+        builder.reach[landmarks],
+        builder.camera,
+    )
+    visible = octave >= 0
+    landmarks, uvr, octave = landmarks[visible], uvr[visible], octave[visible]
+    match = match_projected(
+        features,
+        uvr[:, :2],
+        uvr[:, 2],
+        radius_px * SCALES[octave],
+        octave - 1,
+        octave + 1,
+        builder.descriptors[landmarks],
+        np.zeros(len(features), np.bool_),
+        DISTANCE_STRICT,
+    )
+    matched = match >= 0
+    landmarks, match, uvr = landmarks[matched], match[matched], uvr[matched]
+    agrees = _agrees(features, match, uvr)
+    landmarks, match = landmarks[agrees], match[agrees]
+    there = row[match]
+    row[match[there < 0]] = landmarks[there < 0]
+    old, new = landmarks[there >= 0], there[there >= 0]
+    counts = builder.observation_counts()
+    swap = counts[old] > counts[new]
+    builder.fuse_landmarks(np.where(swap, new, old), np.where(swap, old, new))
+    return len(landmarks)
+
+
+def _agrees(features: Features, match: IntArray, uvr: FloatArray) -> BoolArray:
+    """Return whether each projection lies within the 95 % bound of its feature, χ² of two or three coordinates."""
+    error = (features.uvr_px[match] - uvr) ** 2
+    depthless = np.isnan(error[:, 2])
+    chi2 = (error[:, :2].sum(axis=1) + np.nan_to_num(error[:, 2])) * features.inv_sigma2[match]
+    agrees: BoolArray = chi2 < np.where(depthless, 5.99, 7.81)
+    return agrees
+
+
+# -------------------------------------------------------------------------------------------------- adjustment
+def adjust_locally(builder: MapBuilder, keyframe: int, iterations: int = 5) -> None:
+    """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place."""
+    neighbours, _ = builder.covisible(keyframe, 15)
+    moving = np.concatenate([[keyframe], neighbours[: LOCAL_ADJUSTMENT_KEYFRAMES - 1]]).astype(np.int32)
+    adjust(builder, moving, iterations)
+
+
+def adjust_all(builder: MapBuilder, iterations: int = 10) -> None:
+    """Bundle-adjust the whole map; the first living key frame stays where it is."""
+    adjust(builder, np.flatnonzero(builder.keyframe_alive).astype(np.int32), iterations)
+
+
+def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
+    """Bundle-adjust key frames and the landmarks they see; observations that disagree are dropped."""
+    rows = builder.landmark_of[moving]
+    landmarks = np.unique(rows[rows >= 0])
+    seeing, _ = builder.keyframes_seeing(landmarks)
+    holding = seeing[~np.isin(seeing, moving)][:FIXED_KEYFRAMES]
+    keyframes = np.sort(np.concatenate([moving, holding])).astype(np.int32)
+    chosen = np.zeros(builder.landmark_count, np.bool_)
+    chosen[landmarks] = True
+    seen = builder.observations(keyframes, chosen)
+    fixed = np.isin(keyframes, holding)
+    if not fixed.any():
+        fixed[0] = True
+    camera = builder.camera
+    result = bundle_adjust(
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        camera.bf_px_m,
+        builder.camera_from_world[keyframes],
+        fixed,
+        builder.positions[landmarks],
+        np.searchsorted(keyframes, seen.keyframe).astype(np.int32),
+        np.searchsorted(landmarks, seen.landmark).astype(np.int32),
+        seen.uvr_px,
+        seen.inv_sigma2,
+        iterations,
+    )
+    builder.camera_from_world[keyframes] = result.poses
+    builder.positions[landmarks] = result.points
+    wrong = ~result.inlier
+    builder.landmark_of[seen.keyframe[wrong], seen.feature[wrong]] = NO_LANDMARK
+    counts = builder.observation_counts()
+    unseen = landmarks[counts[landmarks] == 0]
+    if len(unseen):
+        builder.remove_landmarks(unseen)
+    builder.refresh_landmarks(landmarks)
+
+
+# ----------------------------------------------------------------------------------------------------- culling
+def cull_redundant_keyframes(builder: MapBuilder, keyframe: int) -> int:
+    """Cull neighbours of a key frame whose landmarks others show as well; return how many."""
+    neighbours, _ = builder.covisible(keyframe, 15)
+    octaves = builder_octaves(builder)
+    culled = 0
+    protected = {0, keyframe, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
+    for neighbour in neighbours.tolist():
+        if neighbour in protected:
+            continue
+        seen, redundant = _redundant(builder.landmark_of, octaves, neighbour, builder.landmark_count)
+        if seen and redundant > REDUNDANT_SHARE * seen:
+            builder.remove_keyframe(neighbour)
+            culled += 1
+    return culled
+
+
+def builder_octaves(builder: MapBuilder) -> IntArray:
+    """Return the octave of every feature of every key frame (K, F), 0 where there is none."""
+    octaves = np.zeros(builder.landmark_of.shape, np.int32)
+    for keyframe in builder.keyframes:
+        octaves[keyframe.index, : len(keyframe.features)] = keyframe.features.octave
+    return octaves
+
+
+@kernel
+def _redundant(landmark_of: IntArray, octaves: IntArray, index: int, landmark_count: int) -> tuple[int, int]:
+    """Return how many landmarks a key frame sees, and how many of them three others see at a similar or finer scale."""
+    octave_here = np.full(landmark_count, -1, np.int32)
+    seen = 0
+    for f in range(landmark_of.shape[1]):
+        if landmark_of[index, f] >= 0:
+            octave_here[landmark_of[index, f]] = octaves[index, f]
+            seen += 1
+    others = np.zeros(landmark_count, np.int32)
+    for k in range(landmark_of.shape[0]):
+        if k == index:
+            continue
+        for f in range(landmark_of.shape[1]):
+            landmark = landmark_of[k, f]
+            if landmark >= 0 and octave_here[landmark] >= 0 and octaves[k, f] <= octave_here[landmark] + 1:
+                others[landmark] += 1
+    redundant = 0
+    for landmark in range(landmark_count):
+        if octave_here[landmark] >= 0 and others[landmark] >= 3:
+            redundant += 1
+    return seen, redundant

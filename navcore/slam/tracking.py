@@ -1,0 +1,330 @@
+"""Where the camera is, from one frame to the next: motion model, last frame, local map.
+
+The same functions follow the camera while the map grows (``mapper``) and in the frozen map (``localizer``); both kinds
+of map are seen through :class:`MapView`. A :class:`Track` is what remains of a frame that was found.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.compiled import kernel
+from navcore.geometry import FloatArray
+from navcore.slam import pose
+from navcore.slam.keyframes import (
+    LEVEL_COUNT,
+    NO_LANDMARK,
+    SCALE_FACTOR,
+    ByteArray,
+    Features,
+    IntArray,
+    SlamCamera,
+)
+from navcore.slam.lie import exp_se3, log_se3
+from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_projected, project_landmarks
+
+BoolArray = NDArray[np.bool_]
+
+SCALES: FloatArray = SCALE_FACTOR ** np.arange(LEVEL_COUNT)
+LAST_FRAME_RADIUS_PX = 15.0
+"""Search radius around a point of the last frame, at pyramid level 0, in an image 640 pixels wide."""
+LOCAL_RADIUS_PX = 3.0
+"""Times 2.5 or 4 (seen head-on or not): search radius around a landmark of the local map, at pyramid level 0."""
+MIN_FRAME_MATCHES = 20
+"""Fewer matches than this with the last frame mean that it was not followed."""
+LOCAL_KEYFRAMES = 60
+"""Key frames whose landmarks make the local map, at most."""
+NEIGHBOURS = 10
+"""Covisible key frames that each of them brings along."""
+
+
+class MapView(Protocol):
+    """What tracking reads of a map, growing or frozen; see :class:`navcore.slam.map.MapBuilder` for the arrays."""
+
+    @property
+    def camera(self) -> SlamCamera: ...
+    @property
+    def positions(self) -> FloatArray: ...
+    @property
+    def normals(self) -> FloatArray: ...
+    @property
+    def reach(self) -> FloatArray: ...
+    @property
+    def descriptors(self) -> ByteArray: ...
+    @property
+    def landmark_of(self) -> IntArray: ...
+    @property
+    def landmark_alive(self) -> BoolArray: ...
+    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the key frames that see any of the landmarks, best first, and how many each sees."""
+        ...
+
+    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
+        """Return the key frames that share landmarks with one, best first, and how many."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """A frame whose pose was found."""
+
+    stamp_s: float
+    features: Features
+    camera_from_world: FloatArray
+    """(4, 4)."""
+    landmark_of: IntArray
+    """(n,): the landmark that each feature shows, or NO_LANDMARK."""
+    information: FloatArray
+    """(6, 6): of the pose, as :func:`navcore.slam.pose.refine_pose` gives it."""
+
+    @property
+    def landmarks(self) -> IntArray:
+        """The landmarks that are seen, in the order of the features."""
+        return self.landmark_of[self.landmark_of >= 0]
+
+    @property
+    def inlier_count(self) -> int:
+        """How many landmarks agree with the pose."""
+        return int(np.count_nonzero(self.landmark_of >= 0))
+
+
+def predict_pose(last: Track, before_last: Track | None, stamp_s: float) -> FloatArray:
+    """Return camera_from_world (4, 4) at a time, for a camera that keeps its velocity, also over dropped frames."""
+    if before_last is None or last.stamp_s <= before_last.stamp_s:
+        return last.camera_from_world
+    ratio = (stamp_s - last.stamp_s) / (last.stamp_s - before_last.stamp_s)
+    step = last.camera_from_world @ np.linalg.inv(before_last.camera_from_world)
+    if 0.7 < ratio < 1.4:
+        return step @ last.camera_from_world
+    return fraction_of_step(step, min(ratio, 3.0)) @ last.camera_from_world
+
+
+def fraction_of_step(step: FloatArray, ratio: float) -> FloatArray:
+    """Return the motion (4, 4) over ``ratio`` times the time that ``step`` took, at constant velocity."""
+    return exp_se3(ratio * log_se3(np.ascontiguousarray(step)))
+
+
+def points_of(track: Track, view: MapView) -> FloatArray:
+    """Return world points (n, 3) of a frame's features: the landmark's, else from depth, else NaN."""
+    world_from_camera = np.linalg.inv(track.camera_from_world)
+    points = track.features.points_in_camera(view.camera) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+    seen = track.landmark_of >= 0
+    points[seen] = view.positions[track.landmark_of[seen]]
+    return points
+
+
+def project_points(camera_from_world: FloatArray, points: FloatArray, camera: SlamCamera) -> FloatArray:
+    """Return u, v, u_r (n, 3) of world points (n, 3); NaN where behind the camera or outside the image."""
+    in_camera = points @ camera_from_world[:3, :3].T + camera_from_world[:3, 3]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        z = np.where(in_camera[:, 2] > 0.05, in_camera[:, 2], np.nan)
+        u = camera.fx_px * in_camera[:, 0] / z + camera.cx_px
+        v = camera.fy_px * in_camera[:, 1] / z + camera.cy_px
+        outside = (u < 0) | (u >= camera.width_px) | (v < 0) | (v >= camera.height_px)
+        uvr = np.stack([u, v, u - camera.bf_px_m / z], axis=1)
+    uvr[outside] = np.nan
+    return uvr
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameMatch:
+    """A pose found from the last frame, and the points that support it."""
+
+    track: Track
+    matched_count: int
+    """Points of the last frame that agree, landmarks or not."""
+    landmark_count: int
+    """Landmarks among them."""
+
+
+def refined(
+    stamp_s: float,
+    features: Features,
+    guess: FloatArray,
+    feature_index: IntArray,
+    points: FloatArray,
+    landmarks: IntArray,
+    camera: SlamCamera,
+) -> FrameMatch:
+    """Refine a pose from matched features (m,) with world points (m, 3); ``landmarks`` (m,) may hold NO_LANDMARK."""
+    camera_from_world, inlier, information = pose.refine_pose(
+        guess,
+        points,
+        features.uvr_px[feature_index],
+        features.inv_sigma2[feature_index],
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        camera.bf_px_m,
+    )
+    landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
+    landmark_of[feature_index[inlier]] = landmarks[inlier]
+    track = Track(stamp_s, features, camera_from_world, landmark_of, information)
+    return FrameMatch(track, int(np.count_nonzero(inlier)), track.inlier_count)
+
+
+def track_last_frame(
+    view: MapView, last: Track, features: Features, stamp_s: float, guess: FloatArray
+) -> FrameMatch | None:
+    """Find the pose from the points of the last frame, near where the motion model puts them; None where too few match.
+
+    The window is widened once; where that fails too, all descriptors are compared and the motion is found by RANSAC.
+    """
+    points = points_of(last, view)
+    usable = np.isfinite(points[:, 2]) & ((last.landmark_of < 0) | view.landmark_alive[last.landmark_of])
+    descriptors = last.features.descriptors
+    scale_px = LAST_FRAME_RADIUS_PX * view.camera.width_px / 640
+    for widening in (1.0, 2.5):
+        uvr = project_points(guess, points, view.camera)
+        visible = usable & np.isfinite(uvr[:, 0])
+        radius = np.where(visible, widening * scale_px * SCALES[last.features.octave], 0.0)
+        match = match_projected(
+            features,
+            uvr[:, :2],
+            np.full(len(uvr), np.nan),
+            radius,
+            last.features.octave - 1,
+            last.features.octave + 1,
+            descriptors,
+            np.zeros(len(features), np.bool_),
+            DISTANCE_LOOSE,
+            0.9,
+            last.features.angle_rad,
+        )
+        found = _from_matches(view, last, features, stamp_s, guess, match, points)
+        if found is not None:
+            return found
+    return _track_by_descriptors(view, last, features, stamp_s, points, usable)
+
+
+def _from_matches(
+    view: MapView,
+    last: Track,
+    features: Features,
+    stamp_s: float,
+    guess: FloatArray,
+    match: IntArray,
+    points: FloatArray,
+) -> FrameMatch | None:
+    from_last = np.flatnonzero(match >= 0)
+    if len(from_last) < MIN_FRAME_MATCHES:
+        return None
+    found = refined(
+        stamp_s, features, guess, match[from_last], points[from_last], last.landmark_of[from_last], view.camera
+    )
+    return found if found.matched_count >= max(MIN_FRAME_MATCHES // 2, len(from_last) // 5) else None
+
+
+def _track_by_descriptors(
+    view: MapView, last: Track, features: Features, stamp_s: float, points: FloatArray, usable: BoolArray
+) -> FrameMatch | None:
+    match = match_all(
+        last.features.descriptors, features.descriptors, 64, 0.85, last.features.angle_rad, features.angle_rad
+    )
+    match[~usable] = -1
+    from_last = np.flatnonzero(match >= 0)
+    if len(from_last) < MIN_FRAME_MATCHES // 2:
+        return None
+    camera = view.camera
+    solved = pose.pnp_ransac(
+        points[from_last],
+        features.uv_px[match[from_last]],
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        min_inliers=MIN_FRAME_MATCHES // 2,
+    )
+    if solved is None:
+        return None
+    guess, inlier = solved
+    match[from_last[~inlier]] = -1
+    return _from_matches(view, last, features, stamp_s, guess, match, points)
+
+
+# ------------------------------------------------------------------------------------------------- local map
+def local_keyframes(view: MapView, landmarks: IntArray) -> IntArray:
+    """Return the key frames that see the landmarks, best first, with covisible neighbours of the best."""
+    seeing, _ = view.keyframes_seeing(landmarks)
+    chosen = seeing[:LOCAL_KEYFRAMES].tolist()
+    held = set(chosen)
+    for index in chosen[:5]:
+        if len(chosen) >= LOCAL_KEYFRAMES:
+            break
+        neighbours, _ = view.covisible(index, 1)
+        fresh = [int(k) for k in neighbours[:NEIGHBOURS] if int(k) not in held]
+        chosen += fresh
+        held.update(fresh)
+    return np.array(chosen[:LOCAL_KEYFRAMES], dtype=np.int32)
+
+
+def local_landmarks(view: MapView, keyframes: IntArray) -> IntArray:
+    """Return the living landmarks that the key frames see, ascending."""
+    return _union(view.landmark_of, keyframes, view.landmark_alive)
+
+
+def extend_by_map(
+    view: MapView, track: Track, candidates: IntArray, radius_factor: float = 1.0
+) -> tuple[FrameMatch, IntArray]:
+    """Look for further landmarks of the map in a frame whose pose is nearly known, and refine the pose with all.
+
+    Return the new state and the candidates (k,) that should have been seen.
+    """
+    held = np.zeros(len(view.positions), np.bool_)
+    held[track.landmarks] = True
+    wanted = candidates[~held[candidates]]
+    uvr, _, octave, cosine = project_landmarks(
+        track.camera_from_world, view.positions[wanted], view.normals[wanted], view.reach[wanted], view.camera
+    )
+    visible = octave >= 0
+    wanted, uvr, octave, cosine = wanted[visible], uvr[visible], octave[visible], cosine[visible]
+    radius = radius_factor * LOCAL_RADIUS_PX * np.where(cosine > 0.998, 2.5, 4.0) * SCALES[octave]
+    match = match_projected(
+        track.features,
+        uvr[:, :2],
+        uvr[:, 2],
+        radius,
+        octave - 1,
+        octave + 1,
+        view.descriptors[wanted],
+        track.landmark_of >= 0,
+        DISTANCE_LOOSE,
+        RATIO_LOCAL,
+    )
+    landmark_of = track.landmark_of.copy()
+    matched = match >= 0
+    landmark_of[match[matched]] = wanted[matched]
+    feature_index = np.flatnonzero(landmark_of >= 0).astype(np.int32)
+    landmarks = landmark_of[feature_index]
+    found = refined(
+        track.stamp_s,
+        track.features,
+        track.camera_from_world,
+        feature_index,
+        view.positions[landmarks],
+        landmarks,
+        view.camera,
+    )
+    return found, np.concatenate([wanted, track.landmarks])
+
+
+def moved(track: Track, camera_from_world: FloatArray) -> Track:
+    """Return the track with another pose, after the map under it was adjusted."""
+    return replace(track, camera_from_world=camera_from_world)
+
+
+# --------------------------------------------------------------------------------------------------- kernels
+@kernel
+def _union(landmark_of: IntArray, keyframes: IntArray, alive: BoolArray) -> IntArray:
+    chosen = np.zeros(len(alive), np.bool_)
+    for k in keyframes:
+        for f in range(landmark_of.shape[1]):
+            landmark = landmark_of[k, f]
+            if landmark >= 0 and alive[landmark]:
+                chosen[landmark] = True
+    return np.flatnonzero(chosen).astype(np.int32)

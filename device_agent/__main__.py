@@ -1,6 +1,8 @@
 """``python -m device_agent`` is ``vbr``."""
 
+import sys
+
 from device_agent.cli import main
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

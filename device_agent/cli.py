@@ -1,9 +1,9 @@
 """The command ``vbr``.
 
 Sub-commands come from the entry points of the group ``vbr.commands``: each names a module with
-``add_commands(subparsers)``. A sub-command sets ``run`` (``parser.set_defaults(run=function)``); ``run(arguments)`` does
-the work and returns the exit code, or None for 0. What goes wrong on purpose (VbrError) is one sentence on stderr and
-exit code 2.
+``add_commands(subparsers)``. A sub-command sets ``run`` (``parser.set_defaults(run=function)``); ``run(arguments)``
+does the work and returns the exit code, or None for 0. What goes wrong on purpose (VbrError) is one sentence on stderr
+and exit code 2.
 """
 
 from __future__ import annotations
@@ -67,9 +67,7 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
-def add_module(
-    subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, module_name: str
-) -> None:
+def add_module(subparsers: argparse._SubParsersAction[argparse.ArgumentParser], name: str, module_name: str) -> None:
     """Add the commands of a module; where an optional package is missing, a command ``name`` that says so."""
     try:
         add_commands: AddCommands = importlib.import_module(module_name).add_commands

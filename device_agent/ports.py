@@ -6,10 +6,15 @@ gives something fresh or raises SensorError; it never gives what is old as if it
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Literal, Protocol
 
 from navcore.cues.table import Cue
-from navcore.types import CameraIntrinsics, Frame, SonarReading
+from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading
+from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning, WalkerState
+
+KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
+"""What tells the console which of its orders runs."""
+EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
 
 
 class Clock(Protocol):
@@ -55,3 +60,31 @@ class CueOutput(Protocol):
         ...
 
     def close(self) -> None: ...
+
+
+class LocalizerPort(Protocol):
+    """Finds the camera in the pre-built map (navcore.slam.localizer, or a fake)."""
+
+    def locate(self, frame: Frame) -> Localization:
+        """Return the pose of one frame; frames come in order of their stamps."""
+        ...
+
+
+class Uplink(Protocol):
+    """Where the loop leaves what the console shall know. No method waits for the network, or for the disk."""
+
+    def state(self, state: WalkerState) -> None:
+        """Offer the newest state; it replaces one that is not sent yet."""
+        ...
+
+    def depth_image(self, frame: Frame) -> None:
+        """Offer the newest depth image; the first thing to be dropped."""
+        ...
+
+    def message(self, message: KeptMessage) -> None:
+        """Hand over a message that is kept until it is sent."""
+        ...
+
+    def event(self, stamp_s: float, kind: EventKind, text: str) -> None:
+        """Hand over something that must not be lost: kept until the console confirms it."""
+        ...

@@ -1,0 +1,158 @@
+"""Events on disk until the console has confirmed them: nothing is lost by an outage, a crash or a restart.
+
+One SQLite file, written through to the disk (``synchronous=FULL``) by a thread of its own, so that no caller ever waits
+for a disk. Sequence numbers grow by one with each event, over restarts too.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import sqlite3
+import threading
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from device_agent.ports import EventKind
+from navcore.errors import InputError
+from navcore.wire import Event
+
+MAX_EVENTS_ON_DISK = 100_000
+MAX_EVENTS_IN_MEMORY = 10_000
+_MAX_TEXT = 500
+_log = logging.getLogger(__name__)
+_SCHEMA = """
+CREATE TABLE IF NOT EXISTS event (
+    sequence INTEGER PRIMARY KEY, stamp_s REAL NOT NULL, kind TEXT NOT NULL, text TEXT NOT NULL
+) STRICT;
+CREATE TABLE IF NOT EXISTS issued (
+    only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL
+) STRICT;
+INSERT OR IGNORE INTO issued VALUES (1, 0);
+"""
+_Work = tuple[float, EventKind, str] | Callable[[], None] | None
+
+
+class EventJournal:
+    """Takes events from any thread; gives those that are not confirmed yet, in order."""
+
+    def __init__(self, path: Path, on_stored: Callable[[], None] = lambda: None) -> None:
+        """Open or make the journal. Raises InputError where the file is no journal, or cannot be written."""
+        self.on_stored = on_stored
+        """Called, in the journal's thread, when new events are safe on disk."""
+        self._lock = threading.Lock()
+        self._work: queue.Queue[_Work] = queue.Queue(MAX_EVENTS_IN_MEMORY)
+        self._missed = 0
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._base = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
+            self._base.execute("PRAGMA journal_mode=WAL")
+            self._base.execute("PRAGMA synchronous=FULL")
+            self._base.executescript(_SCHEMA)
+        except (OSError, sqlite3.Error) as error:
+            raise InputError(
+                f"The event journal {path} cannot be used ({error}): free the disk, or move the file away."
+            ) from error
+        self._thread = threading.Thread(target=self._run, name="journal", daemon=True)
+        self._thread.start()
+
+    def append(self, stamp_s: float, kind: EventKind, text: str) -> None:
+        """Hand over an event; returns at once. Where the disk is far behind, the event is counted as missed."""
+        try:
+            self._work.put_nowait((stamp_s, kind, text[:_MAX_TEXT]))
+        except queue.Full:
+            self._missed += 1
+
+    def flush(self) -> None:
+        """Return when everything that was handed over before is on disk."""
+        done = threading.Event()
+        self._work.put(done.set)
+        done.wait()
+
+    def pending(self, after: int, limit: int = 64) -> list[Event]:
+        """Return stored events with a sequence number greater than ``after``, in order."""
+        with self._lock:
+            rows = self._base.execute(
+                "SELECT sequence, stamp_s, kind, text FROM event WHERE sequence > ? ORDER BY sequence LIMIT ?",
+                (after, limit),
+            ).fetchall()
+        return [Event(*row) for row in rows]
+
+    def confirm(self, sequence: int) -> None:
+        """Forget events up to this one: the console has stored them."""
+        with self._lock:
+            self._base.execute("DELETE FROM event WHERE sequence <= ?", (sequence,))
+
+    def agree(self, last_stored: int) -> None:
+        """Come to terms with a console that has this device's events up to ``last_stored``.
+
+        A console that knows more events than this journal ever issued knew an earlier journal of this device (a disk
+        was replaced): what waits here is numbered after those, so that nothing is taken for known.
+        """
+        with self._lock, self._transaction():
+            issued = self._issued()
+            if last_stored <= issued:
+                self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_stored,))
+                return
+            # By way of negative numbers, so that no two rows share one on the way.
+            self._base.execute("UPDATE event SET sequence = -(sequence + ?)", (last_stored,))
+            self._base.execute("UPDATE event SET sequence = -sequence")
+            self._base.execute("UPDATE issued SET sequence = ?", (issued + last_stored,))
+
+    def close(self) -> None:
+        """Write what was handed over, and close the file."""
+        if self._thread.is_alive():
+            self._work.put(None)
+            self._thread.join()
+            with self._lock:
+                self._base.close()
+
+    def _run(self) -> None:
+        while True:
+            batch = [self._work.get()]
+            with contextlib.suppress(queue.Empty):
+                while len(batch) < 256:
+                    batch.append(self._work.get_nowait())
+            self._store([work for work in batch if isinstance(work, tuple)])
+            for work in batch:
+                if callable(work):
+                    work()
+            if None in batch:
+                return
+
+    def _store(self, events: list[tuple[float, EventKind, str]]) -> None:
+        if not events:
+            return
+        missed, self._missed = self._missed, 0
+        if missed:
+            events.append((events[-1][0], "link", f"{missed} events were too many for the disk and are missing."))
+        try:
+            with self._lock, self._transaction():
+                self._insert(events)
+        except sqlite3.Error:
+            # A full disk must not end the thread: guidance goes on, the gap is reported when there is room again.
+            self._missed += len(events)
+            _log.exception("events could not be stored")
+        else:
+            self.on_stored()
+
+    def _insert(self, events: list[tuple[float, EventKind, str]]) -> None:
+        first = self._issued() + 1
+        rows = [(first + index, *event) for index, event in enumerate(events)]
+        self._base.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
+        self._base.execute("UPDATE issued SET sequence = ?", (rows[-1][0],))
+        self._base.execute("DELETE FROM event WHERE sequence <= ?", (rows[-1][0] - MAX_EVENTS_ON_DISK,))
+
+    def _issued(self) -> int:
+        return int(self._base.execute("SELECT sequence FROM issued").fetchone()[0])
+
+    @contextlib.contextmanager
+    def _transaction(self) -> Iterator[None]:
+        self._base.execute("BEGIN IMMEDIATE")
+        try:
+            yield
+        except BaseException:
+            self._base.execute("ROLLBACK")
+            raise
+        self._base.execute("COMMIT")

@@ -1,0 +1,49 @@
+"""What the link is told at its start, and what it asks of the device."""
+
+from __future__ import annotations
+
+import ssl
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Protocol
+
+from navcore.errors import VbrError
+from navcore.wire import ConsoleMessage, Hello
+
+
+class LinkRefusedError(VbrError):
+    """The console does not take this device in."""
+
+
+class LinkedDevice(Protocol):
+    """What the link needs of the device. All methods may be called from any thread and return at once."""
+
+    def hello(self) -> Hello:
+        """Return who calls and what it runs."""
+        ...
+
+    def submit(self, order: ConsoleMessage) -> None:
+        """Take an order; it is carried out between two frames."""
+        ...
+
+    def map_arrived(self, staging: Path, checksum: str) -> None:
+        """Take a map that is unpacked and checked. The one method that may take its time. Raises VbrError."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class LinkSettings:
+    """How to reach the console."""
+
+    url: str
+    """ws(s)://host:port; the path ``/device`` is added."""
+    token: str = field(repr=False)
+    staging: Path
+    """Folder for a map that is being fetched."""
+    tls: ssl.SSLContext | None = None
+    first_pause_s: float = 0.5
+    longest_pause_s: float = 30.0
+    refused_pause_s: float = 60.0
+    answer_timeout_s: float = 10.0
+    """How long the console may take to welcome, and to answer a ping."""
+    seed: int = 0

@@ -1,0 +1,110 @@
+"""What waits to be sent to the console, and in which order it goes.
+
+Answers and routes first, in order; then the newest state; then the newest depth image, only when nothing else waits.
+Nothing here grows without bound, and no method waits.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable
+
+from device_agent.ports import KeptMessage
+from navcore.types import Frame
+from navcore.wire import WalkerState
+
+MAX_KEPT = 256
+
+
+class Pace:
+    """Allows something so often on average, and no faster than twice that for a moment."""
+
+    def __init__(self, rate_hz: float) -> None:
+        self._period_s = 1.0 / rate_hz
+        self._due_s = -1e9
+
+    def wait_s(self, now_s: float) -> float:
+        """Return how long it is until the next one is due; 0 or less when it is."""
+        return self._due_s - now_s
+
+    def went(self, now_s: float) -> None:
+        """Take note that one went."""
+        self._due_s = max(self._due_s, now_s - 0.5 * self._period_s) + self._period_s
+
+
+class Outbox:
+    """Filled by the loop, emptied by the link; any thread may call anything."""
+
+    def __init__(self, on_filled: Callable[[], None] = lambda: None) -> None:
+        self.on_filled = on_filled
+        """Called, in the filler's thread, when there is something to send."""
+        self._lock = threading.Lock()
+        self._kept: deque[KeptMessage] = deque(maxlen=MAX_KEPT)
+        self._latest: dict[type, KeptMessage] = {}
+        self._state: WalkerState | None = None
+        self._frame: Frame | None = None
+        self._state_pace, self._frame_pace = Pace(10.0), Pace(2.0)
+
+    def keep(self, message: KeptMessage) -> None:
+        """Add a message that is kept until it is sent, and of which the newest of its kind is sent at each joining."""
+        with self._lock:
+            self._kept.append(message)
+            self._latest[type(message)] = message
+        self.on_filled()
+
+    def offer_state(self, state: WalkerState) -> None:
+        """Replace the state that is not sent yet."""
+        with self._lock:
+            self._state = state
+        self.on_filled()
+
+    def offer_frame(self, frame: Frame) -> None:
+        """Replace the depth image that is not sent yet."""
+        with self._lock:
+            self._frame = frame
+        self.on_filled()
+
+    def joined(self) -> None:
+        """A new connection begins: what the console may have missed is put in front again; old pictures go."""
+        with self._lock:
+            waiting = {type(message) for message in self._kept}
+            missed = [message for kind, message in self._latest.items() if kind not in waiting]
+            self._kept.extendleft(reversed(missed))
+            self._state = self._frame = None
+
+    def next_kept(self) -> KeptMessage | None:
+        """Take the oldest kept message."""
+        with self._lock:
+            return self._kept.popleft() if self._kept else None
+
+    def put_back(self, message: KeptMessage) -> None:
+        """Return a message whose sending failed."""
+        with self._lock:
+            if len(self._kept) < MAX_KEPT:
+                self._kept.appendleft(message)
+
+    def next_state(self, now_s: float) -> WalkerState | None:
+        """Take the newest state when one is due (≤ 10 Hz)."""
+        with self._lock:
+            if self._state is None or self._state_pace.wait_s(now_s) > 0:
+                return None
+            self._state_pace.went(now_s)
+            state, self._state = self._state, None
+            return state
+
+    def next_frame(self, now_s: float) -> Frame | None:
+        """Take the newest depth image when one is due (≤ 2 Hz)."""
+        with self._lock:
+            if self._frame is None or self._frame_pace.wait_s(now_s) > 0:
+                return None
+            self._frame_pace.went(now_s)
+            frame, self._frame = self._frame, None
+            return frame
+
+    def wait_s(self, now_s: float) -> float | None:
+        """Return how long until a state or an image that waits is due; None when none waits."""
+        with self._lock:
+            waits = [self._state_pace.wait_s(now_s)] if self._state is not None else []
+            waits += [self._frame_pace.wait_s(now_s)] if self._frame is not None else []
+        return max(0.0, min(waits)) if waits else None

@@ -1,0 +1,132 @@
+"""The watchdog: no guidance, stale guidance or a failed loop is the cue *Stop*.
+
+It stands outside the loop and does not trust it: it has a thread of its own, reads the clock itself, and speaks
+directly to the output. :func:`keep_watch` is its whole logic, a pure function; a lock-step driver calls
+:meth:`Watchdog.check` instead of running the thread.
+"""
+
+from __future__ import annotations
+
+import enum
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from device_agent.ports import Clock, CueOutput
+from navcore.cues.table import Cue, CueKind, CuePriority
+
+REPEAT_AFTER_S = 2.0
+"""Time between two cues *Stop* of one incident."""
+CHECK_EVERY_S = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Heartbeat:
+    """What the loop last said of itself."""
+
+    stamp_s: float
+    """Capture time of the frame behind the last guidance."""
+    leading: bool = False
+    """Somebody walks by this guidance, so that its absence must be heard."""
+    timeout_s: float = 0.5
+    """Age at which guidance is stale."""
+    fault: str = ""
+    """What was raised in the loop; empty while all is well."""
+
+
+@dataclass(frozen=True, slots=True)
+class Vigil:
+    """What the watchdog remembers between two looks."""
+
+    alarmed: bool = False
+    last_stop_s: float = 0.0
+
+
+class Verdict(enum.Enum):
+    """What a look at the heartbeat results in."""
+
+    QUIET = "quiet"
+    ALARM = "alarm"
+    """A new incident: *Stop* now."""
+    REPEAT = "repeat"
+    """The incident lasts: *Stop* again."""
+    RECOVERED = "recovered"
+
+
+def keep_watch(vigil: Vigil, heartbeat: Heartbeat, now_s: float) -> tuple[Vigil, Verdict]:
+    """Look at the heartbeat once; return what to remember, and what to do."""
+    stale = bool(heartbeat.fault) or now_s - heartbeat.stamp_s > heartbeat.timeout_s
+    if not stale:
+        return Vigil(), Verdict.RECOVERED if vigil.alarmed else Verdict.QUIET
+    if not vigil.alarmed:
+        return Vigil(True, now_s), Verdict.ALARM
+    if now_s - vigil.last_stop_s >= REPEAT_AFTER_S:
+        return replace(vigil, last_stop_s=now_s), Verdict.REPEAT
+    return vigil, Verdict.QUIET
+
+
+class Watchdog:
+    """Applies :func:`keep_watch` to the loop's heartbeat and plays *Stop* while somebody is being led."""
+
+    def __init__(
+        self,
+        clock: Clock,
+        output: CueOutput,
+        report: Callable[[float, str], None],
+        stop_text: Callable[[], str] = lambda: "Stop.",
+    ) -> None:
+        """``report(stamp_s, text)`` hears of every incident, and of its end."""
+        self._clock = clock
+        self._output = output
+        self._report = report
+        self._stop_text = stop_text
+        self._heartbeat = Heartbeat(clock.now_s())
+        self._vigil = Vigil()
+        self._incidents = 0
+        self._lock = threading.Lock()
+        self._stopped = threading.Event()
+        self._thread: threading.Thread | None = None
+
+    @property
+    def incidents(self) -> int:
+        """How many incidents there were; the loop sees by it that its own instructions were overruled."""
+        return self._incidents
+
+    def beat(self, heartbeat: Heartbeat) -> None:
+        """Take the loop's sign of life."""
+        self._heartbeat = heartbeat
+
+    def fault(self, what: str) -> None:
+        """Take note that the loop raised something, and act at once."""
+        self._heartbeat = replace(self._heartbeat, fault=what)
+        self.check()
+
+    def check(self) -> Verdict:
+        """Look once, and play *Stop* where it is due."""
+        with self._lock:
+            now_s, heartbeat = self._clock.now_s(), self._heartbeat
+            self._vigil, verdict = keep_watch(self._vigil, heartbeat, now_s)
+            if verdict is Verdict.ALARM:
+                self._incidents += 1
+        if verdict in (Verdict.ALARM, Verdict.REPEAT) and heartbeat.leading:
+            self._output.play(Cue(now_s, CueKind.STOP, CuePriority.STOP, self._stop_text()))
+        if verdict is Verdict.ALARM:
+            age_s = now_s - heartbeat.stamp_s
+            self._report(now_s, heartbeat.fault or f"No guidance for {age_s:.1f} s.")
+        elif verdict is Verdict.RECOVERED:
+            self._report(now_s, "Guidance is fresh again.")
+        return verdict
+
+    def start(self) -> None:
+        """Watch in a thread of its own until :meth:`stop`."""
+        self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End the thread at its next look."""
+        self._stopped.set()
+
+    def _run(self) -> None:
+        while not self._stopped.is_set():
+            self.check()
+            self._clock.sleep_until(self._clock.now_s() + CHECK_EVERY_S)

@@ -1,0 +1,236 @@
+"""The virtual blind road as one network: what was recorded, with passes of the same corridor joined.
+
+A PoI lies on it, an edge of the PoI-graph is a piece of it (paper IV-A).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.spatial import cKDTree
+
+from navcore.errors import InputError, PlanningError
+from navcore.geometry import FloatArray
+from navcore.planning.road_joining import SPACING_M, evenly_spaced, joined_centre_lines
+
+IndexArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class RoadPoint:
+    """A place on the road, and how far from it the place that was asked for lies."""
+
+    x_m: float
+    y_m: float
+    segment: int
+    """Index of the segment of the network that carries the point."""
+    fraction: float
+    """Place along the segment, 0–1."""
+    distance_m: float
+
+    @property
+    def xy_m(self) -> tuple[float, float]:
+        """The place, metres."""
+        return self.x_m, self.y_m
+
+
+class RoadPiece(NamedTuple):
+    """A piece of the road between two places on it."""
+
+    path_m: FloatArray
+    """Points (n, 2), n ≥ 2, in the order from the first place to the second."""
+    length_m: float
+
+
+@dataclass(frozen=True, eq=False)
+class RoadNetwork:
+    """Vertices about 0.1 m apart, and the segments between them; never changed once made."""
+
+    vertices_m: FloatArray
+    """Places (n, 2)."""
+    segments: IndexArray
+    """Pairs of vertices (m, 2)."""
+    lines: tuple[FloatArray, ...] = ()
+    """The same as polylines (k, 2) from junction or end to junction or end, for drawing."""
+
+    @staticmethod
+    def from_roads(roads_m: Sequence[FloatArray], merge_distance_m: float = 0.5) -> RoadNetwork:
+        """Make the network of recorded walks.
+
+        Args:
+            roads_m: polylines (n, 2) or (n, 3), metres; of three coordinates the height is left out.
+            merge_distance_m: passes nearer to each other than this are the same road.
+
+        Raises InputError where a polyline is of another form or holds a number that is not finite.
+        """
+        if not 0.05 <= merge_distance_m <= 5.0:
+            raise InputError(f"Roads cannot be merged over {merge_distance_m:g} m: choose between 0.05 and 5 m.")
+        walks = [_checked_walk(road) for road in roads_m]
+        return RoadNetwork._from_lines(joined_centre_lines([w for w in walks if len(w) > 1], merge_distance_m))
+
+    @staticmethod
+    def _from_lines(lines: Sequence[FloatArray]) -> RoadNetwork:
+        """Lines that meet share their end points; equal end points become one vertex."""
+        index_of: dict[tuple[float, float], int] = {}
+        vertices: list[FloatArray] = []
+        segments: list[tuple[int, int]] = []
+        for line in lines:
+            indices: list[int] = []
+            for position, point in enumerate(line):
+                key = (float(point[0]), float(point[1]))
+                is_end = position in (0, len(line) - 1)
+                if is_end and key in index_of:
+                    indices.append(index_of[key])
+                    continue
+                if is_end:
+                    index_of[key] = len(vertices)
+                indices.append(len(vertices))
+                vertices.append(point)
+            segments += [(a, b) for a, b in itertools.pairwise(indices) if a != b]
+        return RoadNetwork(
+            np.array(vertices, dtype=np.float64).reshape(-1, 2),
+            np.array(segments, dtype=np.int64).reshape(-1, 2),
+            tuple(lines),
+        )
+
+    @property
+    def is_empty(self) -> bool:
+        """Whether there is no road at all."""
+        return len(self.segments) == 0
+
+    @cached_property
+    def length_m(self) -> float:
+        """Length of all roads together."""
+        return float(self._segment_lengths_m.sum())
+
+    def polylines(self) -> tuple[FloatArray, ...]:
+        """Return the road as polylines (n, 2), cut at junctions, for drawing."""
+        return self.lines
+
+    def nearest(self, x_m: float, y_m: float) -> RoadPoint:
+        """Return the place on the road that is nearest. Raises PlanningError where there is no road."""
+        if self.is_empty:
+            raise PlanningError("There is no virtual blind road here: build the map from a walk first.")
+        if not (math.isfinite(x_m) and math.isfinite(y_m)):
+            raise InputError("A position must be two finite numbers in metres.")
+        query = np.array([x_m, y_m])
+        vertex_distance_m, _ = self._tree.query(query)
+        # The nearest point lies within half a segment of one of the vertices in this reach.
+        near = self._tree.query_ball_point(query, float(vertex_distance_m) + self._longest_segment_m)
+        candidates = np.unique(np.concatenate([self._segments_at[vertex] for vertex in near]))
+        start, end = self.vertices_m[self.segments[candidates, 0]], self.vertices_m[self.segments[candidates, 1]]
+        along = end - start
+        fraction = np.clip(((query - start) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
+        points = start + fraction[:, None] * along
+        best = int(np.argmin(((points - query) ** 2).sum(axis=1)))
+        x, y = float(points[best, 0]), float(points[best, 1])
+        return RoadPoint(x, y, int(candidates[best]), float(fraction[best]), math.hypot(x - x_m, y - y_m))
+
+    def snap(self, x_m: float, y_m: float, within_m: float = math.inf) -> tuple[float, float] | None:
+        """Return the nearest place on the road, or None where it is farther than ``within_m`` or there is no road."""
+        if self.is_empty:
+            return None
+        point = self.nearest(x_m, y_m)
+        return point.xy_m if point.distance_m <= within_m else None
+
+    def shortest_piece(self, a: RoadPoint, b: RoadPoint) -> RoadPiece:
+        """Return the shortest way along the road from a to b. Raises PlanningError where no road joins them."""
+        if a.segment == b.segment:
+            path = np.array([a.xy_m, b.xy_m])
+            return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
+        starts, ends = self._ends(a), self._ends(b)
+        distances, previous = dijkstra(
+            self._matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True
+        )
+        length_m, row, last = min(
+            (start_m + float(distances[i, vertex]) + end_m, i, vertex)
+            for i, (_, start_m) in enumerate(starts)
+            for vertex, end_m in ends
+        )
+        if not math.isfinite(length_m):
+            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
+        inner = _walk_back(previous[row], last)
+        path = _without_repeats(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
+        return RoadPiece(path, float(np.hypot(*np.diff(path, axis=0).T).sum()))
+
+    def distances_from(self, a: RoadPoint) -> FloatArray:
+        """Return the distance along the road (n,) from a place to every vertex; inf where no road leads."""
+        starts = self._ends(a)
+        distances = dijkstra(self._matrix, directed=False, indices=[vertex for vertex, _ in starts])
+        result: FloatArray = (distances + np.array([[offset] for _, offset in starts])).min(axis=0)
+        return result
+
+    def component_count(self) -> int:
+        """Return the number of roads that do not join each other."""
+        return 0 if self.is_empty else int(connected_components(self._matrix, directed=False)[0])
+
+    def _ends(self, point: RoadPoint) -> tuple[tuple[int, float], tuple[int, float]]:
+        first, second = self.segments[point.segment]
+        length_m = float(self._segment_lengths_m[point.segment])
+        return (int(first), point.fraction * length_m), (int(second), (1.0 - point.fraction) * length_m)
+
+    @cached_property
+    def _segment_lengths_m(self) -> FloatArray:
+        ends = self.vertices_m[self.segments]
+        lengths: FloatArray = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+        return lengths
+
+    @cached_property
+    def _longest_segment_m(self) -> float:
+        return float(self._segment_lengths_m.max(initial=SPACING_M))
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.vertices_m)
+
+    @cached_property
+    def _segments_at(self) -> list[IndexArray]:
+        at: list[list[int]] = [[] for _ in range(len(self.vertices_m))]
+        for index, (first, second) in enumerate(self.segments.tolist()):
+            at[first].append(index)
+            at[second].append(index)
+        return [np.array(indices, dtype=np.int64) for indices in at]
+
+    @cached_property
+    def _matrix(self) -> csr_array:
+        size = len(self.vertices_m)
+        rows, cols = self.segments[:, 0], self.segments[:, 1]
+        return csr_array(coo_array((self._segment_lengths_m, (rows, cols)), shape=(size, size)))
+
+
+def _checked_walk(road: FloatArray) -> FloatArray:
+    walk = np.asarray(road, dtype=np.float64)
+    if walk.ndim != 2 or walk.shape[1] not in (2, 3):
+        raise InputError(f"A road must be a list of points with two or three coordinates, not of shape {walk.shape}.")
+    if not np.isfinite(walk).all() or (walk.size and float(np.abs(walk).max()) > 100_000.0):
+        raise InputError("A road holds a coordinate that is not a number or is farther than 100 km: record it again.")
+    moved = np.ones(len(walk), dtype=bool)
+    moved[1:] = np.hypot(*np.diff(walk[:, :2], axis=0).T) > 1e-9
+    return np.ascontiguousarray(walk[moved, :2])
+
+
+def _walk_back(previous: NDArray[np.int32], last: int) -> list[int]:
+    path = [last]
+    while previous[path[-1]] >= 0:
+        path.append(int(previous[path[-1]]))
+    return path[::-1]
+
+
+def _without_repeats(path: FloatArray) -> FloatArray:
+    keep = np.ones(len(path), dtype=bool)
+    keep[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
+    if keep.sum() < 2:
+        return path[[0, -1]]
+    return np.asarray(path[keep])
+
+
+__all__ = ["RoadNetwork", "RoadPiece", "RoadPoint", "evenly_spaced"]

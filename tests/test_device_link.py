@@ -1,0 +1,412 @@
+"""The link against a real WebSocket server, with outages."""
+
+from __future__ import annotations
+
+import asyncio
+import http.server
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import pytest
+from websockets.asyncio.server import ServerConnection, serve
+from websockets.exceptions import ConnectionClosedError
+
+from device_agent.adapters.clocks import FakeClock
+from device_agent.journal import EventJournal
+from device_agent.link import ConsoleLink
+from device_agent.link_settings import LinkSettings
+from navcore.errors import SiteError
+from navcore.site import Site, map_checksum, pack_site, save_site
+from navcore.wire import (
+    PROTOCOL_VERSION,
+    ConsoleMessage,
+    DeviceMessage,
+    Event,
+    EventConfirmed,
+    Hello,
+    MapAvailable,
+    MapRunning,
+    Pause,
+    Ping,
+    Pong,
+    Resume,
+    RouteChanged,
+    SetDestination,
+    SettingsRunning,
+    WalkerState,
+    Welcome,
+    decode_from_device,
+    encode,
+)
+
+TOKEN = "a-token-of-this-test"
+
+
+class Console:
+    """A small console on a real socket: it stores events as the real one does, and can be killed and started again."""
+
+    def __init__(self) -> None:
+        self.seen: list[DeviceMessage] = []
+        self.stored: list[Event] = []
+        self.joins = 0
+        self.token = TOKEN
+        self.confirms = True
+        self.protocol_version = PROTOCOL_VERSION
+        self.port = 0
+        self._changed = threading.Condition()
+        self._sockets: set[ServerConnection] = set()
+        self._loop = asyncio.new_event_loop()
+        threading.Thread(target=self._loop.run_forever, daemon=True).start()
+
+    def start(self) -> None:
+        self._server = self._do(self._serve())
+        self.port = self._server.sockets[0].getsockname()[1]
+
+    async def _serve(self):  # type: ignore[no-untyped-def]
+        return await serve(self._talk, "127.0.0.1", self.port, process_request=self._check)
+
+    def kill(self) -> None:
+        """Break every connection without a good-bye, and listen no more."""
+
+        async def break_all() -> None:
+            for socket in list(self._sockets):
+                socket.transport.abort()
+            self._server.close()
+            await self._server.wait_closed()
+
+        self._do(break_all())
+
+    def send(self, message: ConsoleMessage) -> None:
+        self.send_raw(encode(message))
+
+    def send_raw(self, data: bytes | str) -> None:
+        self.wait_for(lambda: bool(self._sockets))
+
+        async def send() -> None:
+            for socket in list(self._sockets):
+                await socket.send(data)
+
+        self._do(send())
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        with self._changed:
+            assert self._changed.wait_for(condition, 15.0), "the console waited in vain"
+
+    def of_type(self, kind: type) -> list:  # type: ignore[type-arg]
+        return [message for message in self.seen if isinstance(message, kind)]
+
+    def close(self) -> None:
+        self.kill()
+        self._loop.call_soon_threadsafe(self._loop.stop)
+
+    def _do(self, work):  # type: ignore[no-untyped-def]
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(10.0)
+
+    def _check(self, socket: ServerConnection, request):  # type: ignore[no-untyped-def]
+        if request.headers.get("Authorization") != f"Bearer {self.token}" or request.path != "/device":
+            with self._changed:
+                self.refused = True
+                self._changed.notify_all()
+            return socket.respond(401, "no such token\n")
+        return None
+
+    refused = False
+
+    async def _talk(self, socket: ServerConnection) -> None:
+        self._note(decode_from_device(await socket.recv()))
+        last = self.stored[-1].sequence if self.stored else 0
+        await socket.send(encode(Welcome(self.protocol_version, last)))
+        self._sockets.add(socket)
+        self.joins += 1
+        try:
+            async for data in socket:
+                message = decode_from_device(data)
+                if isinstance(message, Event):
+                    if not self.stored or message.sequence > self.stored[-1].sequence:
+                        self.stored.append(message)
+                    if self.confirms:
+                        await socket.send(encode(EventConfirmed(message.sequence)))
+                self._note(message)
+        except ConnectionClosedError:
+            pass
+        finally:
+            self._sockets.discard(socket)
+
+    def _note(self, message: DeviceMessage) -> None:
+        with self._changed:
+            self.seen.append(message)
+            self._changed.notify_all()
+
+
+@dataclass
+class Device:
+    """The device's side of the link, as the link asks for it."""
+
+    orders: list[ConsoleMessage] = field(default_factory=list)
+    maps: list[tuple[Path, str]] = field(default_factory=list)
+    map_error: Exception | None = None
+    changed: threading.Condition = field(default_factory=threading.Condition)
+
+    def hello(self) -> Hello:
+        return Hello(PROTOCOL_VERSION, "glasses", "0.1.0", "small", "c0ffee", 3, 7, 100.0)
+
+    def submit(self, order: ConsoleMessage) -> None:
+        with self.changed:
+            self.orders.append(order)
+            self.changed.notify_all()
+
+    def map_arrived(self, staging: Path, checksum: str) -> None:
+        if self.map_error is not None:
+            raise self.map_error
+        with self.changed:
+            self.maps.append((staging, checksum))
+            self.changed.notify_all()
+
+    def wait_for(self, condition: Callable[[], bool]) -> None:
+        with self.changed:
+            assert self.changed.wait_for(condition, 15.0), "the device waited in vain"
+
+
+@pytest.fixture
+def console() -> Iterator[Console]:
+    console = Console()
+    console.start()
+    yield console
+    console.close()
+
+
+@pytest.fixture
+def device() -> Device:
+    return Device()
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Iterator[EventJournal]:
+    journal = EventJournal(tmp_path / "events.sqlite")
+    yield journal
+    journal.close()
+
+
+@pytest.fixture
+def link(console: Console, device: Device, journal: EventJournal, tmp_path: Path) -> Iterator[ConsoleLink]:
+    link = make_link(f"ws://127.0.0.1:{console.port}", device, journal, tmp_path)
+    link.start()
+    yield link
+    link.stop()
+
+
+def make_link(url: str, device: Device, journal: EventJournal, tmp_path: Path) -> ConsoleLink:
+    settings = LinkSettings(
+        url, TOKEN, tmp_path / ".site-incoming", first_pause_s=0.01, longest_pause_s=0.05, refused_pause_s=0.05
+    )
+    return ConsoleLink(settings, device, journal, FakeClock(100.0))
+
+
+def cues(console: Console) -> list[str]:
+    return [event.text for event in console.stored if event.kind == "cue"]
+
+
+def test_joins_with_a_hello_and_answers_a_ping_with_both_clocks(console: Console, link: ConsoleLink) -> None:
+    console.send(Ping(55.5))
+    console.wait_for(lambda: bool(console.of_type(Pong)))
+    assert console.seen[0] == Device().hello()
+    assert console.of_type(Pong) == [Pong(55.5, 100.0)]
+
+
+def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, device: Device) -> None:
+    orders: list[ConsoleMessage] = [SetDestination("bar"), Pause(), Resume(), SetDestination("hall")]
+    for order in orders:
+        console.send(order)
+    device.wait_for(lambda: len(device.orders) == 4)
+    assert device.orders == orders
+
+
+def test_events_are_complete_in_order_and_once_after_outages(console: Console, link: ConsoleLink) -> None:
+    said = 0
+    for _ in range(3):
+        console.wait_for(lambda: console.joins >= 1)
+        for _ in range(20):
+            link.event(float(said), "cue", f"cue {said}")
+            said += 1
+        console.kill()
+        for _ in range(20):
+            link.event(float(said), "cue", f"cue {said}")
+            said += 1
+        joins = console.joins
+        console.start()
+        console.wait_for(lambda joins=joins: console.joins > joins)
+    console.wait_for(lambda: len(cues(console)) == said)
+    assert cues(console) == [f"cue {index}" for index in range(said)]
+    sequences = [event.sequence for event in console.stored]
+    assert sequences == sorted(set(sequences))
+
+
+def test_events_that_were_not_confirmed_survive_a_restart_of_the_device(
+    console: Console, device: Device, tmp_path: Path
+) -> None:
+    before = EventJournal(tmp_path / "events.sqlite")
+    for index in range(5):
+        before.append(float(index), "cue", f"cue {index}")
+    before.close()
+    after = EventJournal(tmp_path / "events.sqlite")
+    after.append(9.0, "cue", "cue 5")
+    link = make_link(f"ws://127.0.0.1:{console.port}", device, after, tmp_path)
+    link.start()
+    console.wait_for(lambda: len(cues(console)) == 6)
+    link.stop()
+    after.close()
+    assert [event.sequence for event in console.stored][:6] == [1, 2, 3, 4, 5, 6]
+    assert cues(console) == [f"cue {index}" for index in range(6)]
+
+
+def test_what_runs_is_told_again_after_an_outage(console: Console, link: ConsoleLink) -> None:
+    running = SettingsRunning(4, {"gate.clearance_m": 2.0})
+    link.message(running)
+    link.message(RouteChanged(1.0, ((0.0, 0.0), (1.0, 0.0)), (), "bar"))
+    console.wait_for(lambda: bool(console.of_type(RouteChanged)))
+    console.kill()
+    link.message(RouteChanged(2.0, (), (), None))
+    console.seen.clear()
+    console.start()
+    console.wait_for(lambda: bool(console.of_type(RouteChanged)) and bool(console.of_type(SettingsRunning)))
+    assert console.of_type(SettingsRunning) == [running]
+    assert console.of_type(RouteChanged)[-1].stamp_s == 2.0
+
+
+def test_the_newest_state_wins_after_an_outage(console: Console, link: ConsoleLink) -> None:
+    console.wait_for(lambda: "Joined the console." in [event.text for event in console.stored])
+    console.kill()
+    console.seen.clear()
+    for index in range(1000):
+        link.state(WalkerState(float(index), "lost", "stop", "pose_lost"))
+    console.start()
+    console.wait_for(lambda: [event.text for event in console.stored].count("Joined the console.") == 2)
+    link.state(WalkerState(1000.0, "lost", "stop", "pose_lost"))
+    console.wait_for(lambda: bool(console.of_type(WalkerState)))
+    assert [state.stamp_s for state in console.of_type(WalkerState)] == [1000.0]
+
+
+@pytest.mark.parametrize("bad", [b"\x00 not a message", "text", encode(Hello(1, "d", "v", "s", "c", 0, 0, 0.0))])
+def test_a_message_that_cannot_be_read_closes_the_link_and_opens_it_anew(
+    console: Console, link: ConsoleLink, device: Device, bad: bytes | str
+) -> None:
+    console.send_raw(bad)
+    console.wait_for(lambda: console.joins >= 2)
+    console.send(SetDestination("bar"))
+    device.wait_for(lambda: SetDestination("bar") in device.orders)
+
+
+def test_a_refused_token_is_said_once_and_tried_again(
+    console: Console, device: Device, journal: EventJournal, tmp_path: Path
+) -> None:
+    console.token = "another"
+    link = make_link(f"ws://127.0.0.1:{console.port}", device, journal, tmp_path)
+    link.start()
+    console.wait_for(lambda: console.refused)
+    console.refused = False
+    console.wait_for(lambda: console.refused)
+    console.token = TOKEN
+    console.wait_for(lambda: len(console.stored) >= 2)
+    link.stop()
+    texts = [event.text for event in console.stored if event.kind == "link"]
+    assert "refuses this device's token" in texts[0]
+    assert sum("token" in text for text in texts) == 1
+
+
+def test_the_journal_numbers_on_after_a_console_that_knows_more(tmp_path: Path) -> None:
+    journal = EventJournal(tmp_path / "events.sqlite")
+    for index in range(3):
+        journal.append(0.0, "cue", f"cue {index}")
+    journal.flush()
+    journal.agree(500)
+    journal.append(0.0, "cue", "cue 3")
+    journal.flush()
+    assert [(event.sequence, event.text) for event in journal.pending(0)] == [
+        (501, "cue 0"),
+        (502, "cue 1"),
+        (503, "cue 2"),
+        (504, "cue 3"),
+    ]
+    journal.agree(502)
+    assert [event.sequence for event in journal.pending(0)] == [503, 504]
+    journal.close()
+
+
+class _Packages(http.server.BaseHTTPRequestHandler):
+    package = b""
+
+    def do_GET(self) -> None:
+        good = self.headers["Authorization"] == f"Bearer {TOKEN}" and self.path == "/maps/new"
+        self.send_response(200 if good else 404)
+        self.end_headers()
+        if good:
+            self.wfile.write(self.package)
+
+    def log_message(self, format: str, *args: object) -> None:
+        """Be quiet."""
+
+
+@pytest.fixture
+def package_server() -> Iterator[type[_Packages]]:
+    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Packages)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    _Packages.port = server.server_address[1]  # type: ignore[attr-defined]
+    yield _Packages
+    server.shutdown()
+    server.server_close()
+
+
+def fetched(offer: MapAvailable, port: int, staging: Path) -> None:
+    from device_agent.map_download import fetch_map
+
+    asyncio.run(fetch_map(offer, f"ws://127.0.0.1:{port}", TOKEN, staging))
+
+
+def test_a_map_is_fetched_checked_and_unpacked(
+    package_server: type[_Packages], small_site: Site, tmp_path: Path
+) -> None:
+    save_site(small_site, tmp_path / "published")
+    package_server.package = pack_site(tmp_path / "published")
+    checksum = map_checksum(tmp_path / "published")
+    offer = MapAvailable("/maps/new", checksum, len(package_server.package))
+    port = package_server.port  # type: ignore[attr-defined]
+    fetched(offer, port, tmp_path / "staging")
+    assert map_checksum(tmp_path / "staging") == checksum
+
+
+@pytest.mark.parametrize(
+    ("path", "checksum", "extra_bytes", "damaged", "sentence"),
+    [
+        ("/maps/new", "another", 0, False, "not the one offered"),
+        ("/maps/new", None, 1, False, "bytes that were offered"),
+        ("/maps/new", None, -1, False, "bytes that were offered"),
+        ("/maps/new", None, 0, True, "damaged"),
+        ("/maps/gone", None, 0, False, "could not be fetched"),
+        ("//elsewhere/maps/new", None, 0, False, "no path of its own"),
+    ],
+)
+def test_a_map_that_is_not_what_was_offered_is_refused_and_leaves_nothing(
+    package_server: type[_Packages], small_site: Site, tmp_path: Path,
+    path: str, checksum: str | None, extra_bytes: int, damaged: bool, sentence: str,
+) -> None:  # fmt: skip
+    save_site(small_site, tmp_path / "published")
+    package = pack_site(tmp_path / "published")
+    package_server.package = bytes(len(package)) if damaged else package
+    offer = MapAvailable(path, checksum or map_checksum(tmp_path / "published"), len(package) + extra_bytes)
+    with pytest.raises(Exception, match=sentence):
+        fetched(offer, package_server.port, tmp_path / "staging")  # type: ignore[attr-defined]
+    assert not (tmp_path / "staging").exists()
+
+
+def test_a_map_that_cannot_be_had_is_answered_with_the_reason(
+    console: Console, link: ConsoleLink, device: Device
+) -> None:
+    device.map_error = SiteError("unused")
+    console.send(MapAvailable("/maps/new", "c0ffee", 10))
+    console.wait_for(lambda: bool(console.of_type(MapRunning)))
+    assert console.of_type(MapRunning)[0] == MapRunning("c0ffee")
+    console.send(MapAvailable("/maps/new", "another", 10))
+    console.wait_for(lambda: len(console.of_type(MapRunning)) == 2)
+    assert "could not be fetched" in console.of_type(MapRunning)[1].refusal

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
 
-DENSE_LIMIT = 350
-"""Key frames up to which the dense factorization is the faster one."""
+DENSE_LIMIT = 40
+"""Key frames up to which the dense factorization is always the faster one."""
+DENSE_SHARE = 0.5
+"""Share of blocks that are filled above which it is faster for more key frames, too."""
 
 
 def solve_reduced(
@@ -22,11 +24,9 @@ def solve_reduced(
     Returns x (C, 6), or None where S is not positive definite.
     """
     count = len(rhs)
+    is_dense = count <= DENSE_LIMIT or len(row) > DENSE_SHARE * count * (count + 1) / 2
     try:
-        if count <= DENSE_LIMIT:
-            solution = _solve_dense(blocks, row, col, rhs)
-        else:
-            solution = _solve_sparse(blocks, row, col, rhs)
+        solution = (_solve_dense if is_dense else _solve_sparse)(blocks, row, col, rhs)
     except (np.linalg.LinAlgError, RuntimeError):
         return None
     return solution.reshape(count, 6) if np.all(np.isfinite(solution)) else None

@@ -9,7 +9,9 @@ from typing import Annotated
 
 import msgspec
 
-from navcore.planning.poi_graph import Identifier, Metres, Name, PoiKind
+from navcore.planning import edits
+from navcore.planning.poi_graph import Identifier, Metres, Name, PoiGraph, PoiKind
+from navcore.planning.road_network import RoadNetwork
 
 ShortName = Annotated[str, msgspec.Meta(max_length=80)]
 Notes = Annotated[str, msgspec.Meta(max_length=2000)]
@@ -83,3 +85,27 @@ class ProposeEdges(_Edit, frozen=True, tag="propose_edges"):
 
 
 Edit = AddPoi | MovePoi | UpdatePoi | DeletePoi | AddEdge | DeleteEdge | SetEdge | ProposeEdges
+
+
+def evaluate(edit: Edit, graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
+    """Return the graph after an edit. Raises InputError with what is wrong, and what to do."""
+    match edit:
+        case AddPoi(name, kind, x_m, y_m, on_road, spoken_name, notes):
+            return edits.add_poi(
+                graph, network, name=name, kind=kind, x_m=x_m, y_m=y_m, on_road=on_road, spoken_name=spoken_name,
+                notes=notes,
+            )  # fmt: skip
+        case MovePoi(poi_id, x_m, y_m, on_road):
+            return edits.move_poi(graph, network, poi_id, x_m, y_m, on_road)
+        case UpdatePoi(poi_id, name, kind, spoken_name, notes):
+            return edits.update_poi(graph, poi_id, name=name, kind=kind, spoken_name=spoken_name, notes=notes)
+        case DeletePoi(poi_id):
+            return edits.delete_poi(graph, poi_id)
+        case AddEdge(a, b):
+            return edits.add_edge(graph, network, a, b)
+        case DeleteEdge(edge_id):
+            return edits.delete_edge(graph, edge_id)
+        case SetEdge(edge_id, one_way, closed, cost_multiplier):
+            return edits.set_edge(graph, edge_id, one_way=one_way, closed=closed, cost_multiplier=cost_multiplier)
+        case ProposeEdges():
+            return edits.propose_edges(graph, network)

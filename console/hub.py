@@ -152,13 +152,14 @@ class DeviceHub:
         if outlet is not None:
             outlet.send(message)
 
-    def offer_graph(self, graph: PoiGraph) -> None:
-        """Give a published graph to every connected device that runs another version."""
+    def offer_graph(self, graph: PoiGraph, map_checksum: str) -> None:
+        """Give a published graph to every connected device that runs this map, and another version of the graph."""
         with self._lock:
             behind = [
                 outlet
                 for device_id, outlet in self._outlets.items()
                 if self._devices[device_id].graph_version != graph.version
+                and self._devices[device_id].map_checksum == map_checksum
             ]
         for outlet in behind:
             outlet.send(PublishGraph(graph))

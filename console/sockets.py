@@ -1,4 +1,4 @@
-"""The open WebSockets of each sign-in session, so that signing out, a new role or a revoked account ends them at once."""
+"""The open WebSockets of each sign-in session: signing out, a new role or a revoked account ends them at once."""
 
 from __future__ import annotations
 

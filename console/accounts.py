@@ -1,0 +1,247 @@
+"""People: accounts, sign-in sessions, and the one-time links that let somebody choose a password.
+
+There is no default password. The first start makes a link that lets whoever opens it become the first admin; later an
+admin invites others by such links, and nobody but the person ever knows the password.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from sqlalchemy import delete, func, select, update
+from sqlalchemy.orm import Session
+
+from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError
+from console.roles import ROLES, Role, SignedIn
+from console.secrets_kept import hash_of_password, hash_of_token, new_token, password_matches
+from console.sign_in_limit import SignInLimit
+from console.store import Store
+from console.tables import OneTimeLinkRow, SessionRow, UserRow
+
+SESSION_IDLE_S = 24 * 3600.0
+SESSION_LONGEST_S = 14 * 24 * 3600.0
+LINK_VALID_S = 48 * 3600.0
+SEEN_STEP_S = 60.0
+MAX_NAME_LENGTH = 60
+_BAD_LINK = "This link has been used, has expired, or is not complete: ask for a new one."
+
+
+@dataclass(frozen=True, slots=True)
+class User:
+    """An account, as admins see it."""
+
+    id: int
+    name: str
+    role: Role
+    has_password: bool
+    disabled: bool
+    created_at_s: float
+
+
+class Accounts:
+    """Accounts and sessions in the store. All methods may be called from any thread.
+
+    ``on_session_end`` is called with the id of every session that ends before its time.
+    """
+
+    def __init__(
+        self, store: Store, steady_s: Callable[[], float], on_session_end: Callable[[str], None] = lambda _: None
+    ) -> None:
+        self._store = store
+        self._by_name = SignInLimit(steady_s)
+        self._by_address = SignInLimit(steady_s, free_failures_count=20)
+        self._on_session_end = on_session_end
+
+    # -------------------------------------------------------------------------------------------------- links
+    def first_admin_link_token(self) -> str | None:
+        """Make the token of a link for the first admin, and void earlier ones; None where an admin exists already."""
+        with self._store.writing() as session:
+            if _active_admin_count(session):
+                return None
+            session.execute(delete(OneTimeLinkRow).where(OneTimeLinkRow.user_id.is_(None)))
+            return self._add_link(session, None)
+
+    def new_admin_link_token(self) -> str:
+        """Make the token of a link for one more admin: for whoever has the machine, and no way in."""
+        with self._store.writing() as session:
+            self._store.add_audit(session, "command line", "admin_link")
+            return self._add_link(session, None)
+
+    def link_name(self, token: str) -> str | None:
+        """Return whose link it is; None where it makes a new admin. Raises NotFoundError for a spent link."""
+        with self._store.reading() as session:
+            link = self._open_link(session, token)
+            user = session.get(UserRow, link.user_id) if link.user_id is not None else None
+            return user.name if user else None
+
+    def use_link(self, token: str, name: str, password: str) -> User:
+        """Spend a link: the person of that name has this password now. Raises NotFoundError or BadRequestError."""
+        self.link_name(token)  # Hashing takes long on purpose: not for somebody without a link.
+        password_hash = hash_of_password(password)
+        with self._store.writing() as session:
+            link = self._open_link(session, token)
+            link.used_at_s = self._store.wall_s()
+            user_id = link.user_id
+            user = self._add_user(session, name, "admin") if user_id is None else _user(session, user_id)
+            user.password_hash = password_hash
+            session.flush()
+            ended = _end_sessions(session, user.id)
+            self._store.add_audit(session, user.name, "password_chosen")
+            result = _as_user(user)
+        self._tell_ended(ended)
+        return result
+
+    # ----------------------------------------------------------------------------------------------- sessions
+    def sign_in(self, name: str, password: str, address: str) -> str:
+        """Return the token of a new session. Raises SignInError or TooManyError; the same for unknown names."""
+        key = f"{_name_key(name)}\n{address}"
+        self._by_name.check(key)
+        self._by_address.check(address)
+        with self._store.reading() as session:
+            user = session.scalar(select(UserRow).where(UserRow.name_key == _name_key(name)))
+        usable = user is not None and user.disabled_at_s is None
+        matches = password_matches(password, user.password_hash if user is not None and usable else None)
+        if user is None or not matches:
+            self._by_name.failed(key)
+            self._by_address.failed(address)
+            self._store.audit(name[:MAX_NAME_LENGTH], "sign_in_failed", address)
+            raise SignInError("Name and password do not match.")
+        self._by_name.succeeded(key)
+        self._store.audit(user.name, "sign_in", address)
+        return self.start_session(user.id)
+
+    def start_session(self, user_id: int) -> str:
+        """Return the token of a new session of this person."""
+        token, now_s = new_token(), self._store.wall_s()
+        with self._store.writing() as session:
+            session.execute(delete(SessionRow).where(SessionRow.created_at_s < now_s - SESSION_LONGEST_S))
+            session.add(
+                SessionRow(token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, last_seen_at_s=now_s)
+            )
+        return token
+
+    def signed_in(self, token: str) -> SignedIn | None:
+        """Return who holds this session token; None where the session is over."""
+        with self._store.reading() as session:
+            row = session.get(SessionRow, hash_of_token(token))
+            user = session.get(UserRow, row.user_id) if row else None
+        if row is None or user is None or user.disabled_at_s is not None:
+            return None
+        now_s = self._store.wall_s()
+        if now_s - row.created_at_s > SESSION_LONGEST_S or now_s - row.last_seen_at_s > SESSION_IDLE_S:
+            return None
+        if now_s - row.last_seen_at_s > SEEN_STEP_S:
+            self._note_seen(row.token_hash, now_s)
+        return SignedIn(row.token_hash, user.id, user.name, _role(user.role))
+
+    def sign_out(self, session_id: str) -> None:
+        """End one session."""
+        with self._store.writing() as session:
+            session.execute(delete(SessionRow).where(SessionRow.token_hash == session_id))
+        self._tell_ended([session_id])
+
+    # ------------------------------------------------------------------------------------------------- people
+    def users(self) -> list[User]:
+        """Return all accounts by name."""
+        with self._store.reading() as session:
+            return [_as_user(row) for row in session.scalars(select(UserRow).order_by(UserRow.name_key))]
+
+    def invite(self, name: str, role: Role, by: str) -> tuple[User, str]:
+        """Add a person; return the account and the token of the link to choose a password with."""
+        with self._store.writing() as session:
+            user = self._add_user(session, name, role)
+            session.flush()
+            self._store.add_audit(session, by, "user_invited", f"{user.name} as {role}")
+            return _as_user(user), self._add_link(session, user.id)
+
+    def new_password_link(self, user_id: int, by: str) -> str:
+        """Return the token of a link with which a person chooses a new password; the old one holds until then."""
+        with self._store.writing() as session:
+            user = _user(session, user_id)
+            self._store.add_audit(session, by, "password_link", user.name)
+            return self._add_link(session, user.id)
+
+    def change(self, user_id: int, by: str, role: Role | None = None, disabled: bool | None = None) -> User:
+        """Give a person another role, or lock the account; their sessions end. Refuses to take the last admin away."""
+        with self._store.writing() as session:
+            user = _user(session, user_id)
+            if role is not None:
+                user.role = role
+            if disabled is not None:
+                user.disabled_at_s = self._store.wall_s() if disabled else None
+            session.flush()
+            if not _active_admin_count(session):
+                raise ConflictError("This is the last admin: make somebody else an admin first.")
+            ended = _end_sessions(session, user_id)
+            self._store.add_audit(session, by, "user_changed", f"{user.name}: role {user.role}, disabled {disabled}")
+            result = _as_user(user)
+        self._tell_ended(ended)
+        return result
+
+    # ---------------------------------------------------------------------------------------------- internals
+    def _add_link(self, session: Session, user_id: int | None) -> str:
+        token, now_s = new_token(), self._store.wall_s()
+        session.add(
+            OneTimeLinkRow(
+                token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, expires_at_s=now_s + LINK_VALID_S
+            )
+        )
+        return token
+
+    def _open_link(self, session: Session, token: str) -> OneTimeLinkRow:
+        link = session.get(OneTimeLinkRow, hash_of_token(token))
+        if link is None or link.used_at_s is not None or link.expires_at_s < self._store.wall_s():
+            raise NotFoundError(_BAD_LINK)
+        return link
+
+    def _add_user(self, session: Session, name: str, role: Role) -> UserRow:
+        shown = " ".join(name.split())
+        if not shown or len(shown) > MAX_NAME_LENGTH or not shown.isprintable():
+            raise BadRequestError(f"This name cannot be used: give 1 to {MAX_NAME_LENGTH} printable characters.")
+        if session.scalar(select(UserRow.id).where(UserRow.name_key == _name_key(name))) is not None:
+            raise ConflictError(f"There is an account {shown!r} already: choose another name.")
+        user = UserRow(
+            name=shown, name_key=_name_key(name), password_hash="", role=role, created_at_s=self._store.wall_s()
+        )
+        session.add(user)
+        return user
+
+    def _note_seen(self, session_id: str, now_s: float) -> None:
+        with self._store.writing() as session:
+            session.execute(update(SessionRow).where(SessionRow.token_hash == session_id).values(last_seen_at_s=now_s))
+
+    def _tell_ended(self, session_ids: list[str]) -> None:
+        for session_id in session_ids:
+            self._on_session_end(session_id)
+
+
+def _name_key(name: str) -> str:
+    return " ".join(name.split()).casefold()
+
+
+def _user(session: Session, user_id: int) -> UserRow:
+    user = session.get(UserRow, user_id)
+    if user is None:
+        raise NotFoundError("There is no such account.")
+    return user
+
+
+def _role(text: str) -> Role:
+    return next(role for role in ROLES if role == text)
+
+
+def _as_user(row: UserRow) -> User:
+    disabled = row.disabled_at_s is not None
+    return User(row.id, row.name, _role(row.role), bool(row.password_hash), disabled, row.created_at_s)
+
+
+def _active_admin_count(session: Session) -> int:
+    able = (UserRow.role == "admin", UserRow.disabled_at_s.is_(None), UserRow.password_hash != "")
+    return session.scalar(select(func.count()).select_from(UserRow).where(*able)) or 0
+
+
+def _end_sessions(session: Session, user_id: int) -> list[str]:
+    ended = list(session.scalars(select(SessionRow.token_hash).where(SessionRow.user_id == user_id)))
+    session.execute(delete(SessionRow).where(SessionRow.user_id == user_id))
+    return ended

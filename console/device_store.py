@@ -1,0 +1,215 @@
+"""Devices in the database: their tokens, their events, and the settings that they were asked to run."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from console.errors import BadRequestError, ConflictError, NotFoundError
+from console.secrets_kept import hash_of_token, new_token
+from console.store import Store
+from console.tables import DeviceRow, DeviceTokenRow, EventRow, SettingsRevisionRow
+from navcore.settings import SettingValue
+from navcore.wire import Event
+
+MAX_NAME_LENGTH = 60
+EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceToken:
+    """A token as admins see it."""
+
+    name: str
+    created_by: str
+    created_at_s: float
+    last_seen_at_s: float | None
+    revoked: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SettingsRevision:
+    """Settings that somebody asked a device to run."""
+
+    revision: int
+    device_id: str
+    author: str
+    at_s: float
+    why: str
+    changes: Mapping[str, tuple[SettingValue, SettingValue]]
+    values: Mapping[str, SettingValue]
+    state: str
+    refusal: str
+
+
+class DeviceStore:
+    """What is kept of devices. All methods may be called from any thread."""
+
+    def __init__(self, store: Store) -> None:
+        self._store = store
+
+    # ------------------------------------------------------------------------------------------------- tokens
+    def create_token(self, name: str, by: str) -> str:
+        """Return a new token for the device of this name; an earlier one of the name is void from now on."""
+        shown = " ".join(name.split())
+        if not shown or len(shown) > MAX_NAME_LENGTH or not shown.isprintable():
+            raise BadRequestError(f"This name cannot be used: give 1 to {MAX_NAME_LENGTH} printable characters.")
+        token = new_token()
+        with self._store.writing() as session:
+            self._set_token(session, shown, token, by)
+        return token
+
+    def ensure_token(self, name: str, token: str, by: str) -> None:
+        """Let a token that was made elsewhere in, for the device of this name."""
+        with self._store.writing() as session:
+            row = session.get(DeviceTokenRow, name)
+            if row is None or row.token_hash != hash_of_token(token) or row.revoked_at_s is not None:
+                self._set_token(session, name, token, by)
+
+    def revoke_token(self, name: str, by: str) -> None:
+        """Lock a device out. Raises NotFoundError."""
+        with self._store.writing() as session:
+            row = session.get(DeviceTokenRow, name)
+            if row is None:
+                raise NotFoundError(f"There is no device {name!r}.")
+            row.revoked_at_s = self._store.wall_s()
+            self._store.add_audit(session, by, "token_revoked", name)
+
+    def tokens(self) -> list[DeviceToken]:
+        """Return all tokens by name."""
+        with self._store.reading() as session:
+            rows = session.scalars(select(DeviceTokenRow).order_by(DeviceTokenRow.name))
+            return [
+                DeviceToken(r.name, r.created_by, r.created_at_s, r.last_seen_at_s, r.revoked_at_s is not None)
+                for r in rows
+            ]
+
+    def name_of(self, token: str) -> str | None:
+        """Return the name that a valid token stands for; None for any other."""
+        with self._store.reading() as session:
+            row = session.scalar(select(DeviceTokenRow).where(DeviceTokenRow.token_hash == hash_of_token(token)))
+        return row.name if row is not None and row.revoked_at_s is None else None
+
+    def take_in(self, device_id: str, token_name: str) -> None:
+        """Note that a device has called. Raises ConflictError where it belongs to another token."""
+        with self._store.writing() as session:
+            row = session.get(DeviceRow, device_id)
+            if row is None:
+                session.add(DeviceRow(device_id=device_id, token_name=token_name))
+            elif row.token_name != token_name:
+                raise ConflictError(
+                    f"The device {device_id!r} belongs to the token of {row.token_name!r}: use that one."
+                )
+            token = session.get(DeviceTokenRow, token_name)
+            if token is not None:
+                token.last_seen_at_s = self._store.wall_s()
+
+    # ------------------------------------------------------------------------------------------------- events
+    def add_event(self, device_id: str, event: Event) -> bool:
+        """Store an event durably; return whether it is new."""
+        same = (EventRow.device_id == device_id, EventRow.sequence == event.sequence)
+        with self._store.writing() as session:
+            if session.scalar(select(EventRow.id).where(*same)) is not None:
+                return False
+            session.add(
+                EventRow(
+                    device_id=device_id,
+                    sequence=event.sequence,
+                    stamp_s=event.stamp_s,
+                    arrived_at_s=self._store.wall_s(),
+                    kind=event.kind,
+                    text=event.text,
+                )
+            )
+        return True
+
+    def last_sequence(self, device_id: str) -> int:
+        """Return the sequence of the last stored event of a device; 0 where there is none."""
+        ordered = select(EventRow.sequence).where(EventRow.device_id == device_id).order_by(EventRow.sequence.desc())
+        with self._store.reading() as session:
+            return session.scalar(ordered.limit(1)) or 0
+
+    def latest_events(self, device_id: str, count: int) -> tuple[Event, ...]:
+        """Return the last events of a device, oldest first."""
+        ordered = select(EventRow).where(EventRow.device_id == device_id).order_by(EventRow.sequence.desc())
+        with self._store.reading() as session:
+            rows = list(session.scalars(ordered.limit(count)))
+        return tuple(Event(row.sequence, row.stamp_s, _kind(row.kind), row.text) for row in reversed(rows))
+
+    # ----------------------------------------------------------------------------------------------- settings
+    def add_revision(
+        self,
+        device_id: str,
+        author: str,
+        why: str,
+        before: Mapping[str, SettingValue],
+        after: Mapping[str, SettingValue],
+        newer_than: int = 0,
+    ) -> SettingsRevision:
+        """Store what a device is about to be asked to run; its number, above ``newer_than``, names it from now on."""
+        changes = {key: (before.get(key, ""), value) for key, value in after.items() if before.get(key) != value}
+        with self._store.writing() as session:
+            last = session.scalar(select(func.max(SettingsRevisionRow.revision))) or 0
+            row = SettingsRevisionRow(
+                revision=max(last, newer_than) + 1,
+                device_id=device_id,
+                author=author,
+                at_s=self._store.wall_s(),
+                why=why,
+                changes_json=json.dumps(changes),
+                values_json=json.dumps(dict(after)),
+                state="sent",
+                refusal="",
+            )
+            session.add(row)
+            session.flush()
+            self._store.add_audit(session, author, "settings", f"{device_id} r{row.revision}: {row.changes_json}")
+        return _as_revision(row)
+
+    def note_answer(self, revision: int, state: Literal["running", "refused"], refusal: str) -> None:
+        """Store what the device said to a revision."""
+        with self._store.writing() as session:
+            row = session.get(SettingsRevisionRow, revision)
+            if row is not None:
+                row.state, row.refusal = state, refusal
+
+    def revisions(self, device_id: str, count: int) -> list[SettingsRevision]:
+        """Return the last revisions of a device, newest first."""
+        mine = select(SettingsRevisionRow).where(SettingsRevisionRow.device_id == device_id)
+        with self._store.reading() as session:
+            rows = session.scalars(mine.order_by(SettingsRevisionRow.revision.desc()).limit(count))
+            return [_as_revision(row) for row in rows]
+
+    def wanted_revision(self, device_id: str) -> SettingsRevision | None:
+        """Return the newest revision that the device has not refused; None where there is none."""
+        mine = (SettingsRevisionRow.device_id == device_id, SettingsRevisionRow.state != "refused")
+        ordered = select(SettingsRevisionRow).where(*mine).order_by(SettingsRevisionRow.revision.desc())
+        with self._store.reading() as session:
+            row = session.scalar(ordered.limit(1))
+        return _as_revision(row) if row is not None else None
+
+    # ---------------------------------------------------------------------------------------------- internals
+    def _set_token(self, session: Session, name: str, token: str, by: str) -> None:
+        row = session.get(DeviceTokenRow, name) or DeviceTokenRow(name=name)
+        row.token_hash = hash_of_token(token)
+        row.created_by, row.created_at_s, row.revoked_at_s = by, self._store.wall_s(), None
+        session.add(row)
+        self._store.add_audit(session, by, "token_created", name)
+
+
+def _kind(text: str) -> EventKind:
+    return next(kind for kind in EVENT_KINDS if kind == text)
+
+
+def _as_revision(row: SettingsRevisionRow) -> SettingsRevision:
+    changes = {key: (before, after) for key, (before, after) in json.loads(row.changes_json).items()}
+    return SettingsRevision(
+        row.revision, row.device_id, row.author, row.at_s, row.why, changes, json.loads(row.values_json), row.state,
+        row.refusal,
+    )  # fmt: skip

@@ -1,0 +1,82 @@
+"""The log of edits in the database."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import msgspec
+from sqlalchemy import select
+from sqlalchemy.exc import IntegrityError
+
+from console.errors import ConflictError
+from console.graph_log import LogEntry, Publication
+from console.store import Store
+from console.tables import GraphEntryRow, PublicationRow, SiteRow
+from navcore.errors import InputError
+from navcore.planning.poi_graph import PoiGraph
+
+
+class StoredGraphLog:
+    """The edits and publications of one site: a :class:`console.graph_log.GraphLog`."""
+
+    def __init__(self, store: Store, site_id: str, site_name: str) -> None:
+        self._store = store
+        self._site_id = site_id
+        with store.writing() as session:
+            if session.get(SiteRow, site_id) is None:
+                session.add(SiteRow(site_id=site_id, name=site_name, first_opened_at_s=store.wall_s()))
+
+    def entries(self) -> Iterable[LogEntry]:
+        """Every entry, in the order of versions. Raises InputError where one cannot be read."""
+        rows = select(GraphEntryRow).where(GraphEntryRow.site_id == self._site_id).order_by(GraphEntryRow.version)
+        with self._store.reading() as session:
+            return [self._decode(row.version, row.entry_json) for row in session.scalars(rows)]
+
+    def published(self) -> Publication | None:
+        """The latest publication."""
+        rows = select(PublicationRow).where(PublicationRow.site_id == self._site_id)
+        with self._store.reading() as session:
+            row = session.scalar(rows.order_by(PublicationRow.version.desc()).limit(1))
+        if row is None:
+            return None
+        return Publication(msgspec.json.decode(row.graph_json, type=PoiGraph), row.author, row.at_s)
+
+    def append(self, entry: LogEntry) -> None:
+        """Store an entry durably, with its line in the audit log. Raises ConflictError where its version exists."""
+        text = msgspec.json.encode(entry).decode()
+        row = GraphEntryRow(
+            site_id=self._site_id, version=entry.version, author=entry.author, at_s=entry.at_s, entry_json=text
+        )
+        what = msgspec.json.encode(entry.edit).decode() if entry.edit is not None else f"version {entry.target_version}"
+        try:
+            with self._store.writing() as session:
+                session.add(row)
+                self._store.add_audit(session, entry.author, f"graph_{entry.kind}", what)
+        except IntegrityError as error:
+            raise ConflictError(
+                "Another console edits the same site and database: stop one of the two, then try again."
+            ) from error
+
+    def add_publication(self, publication: Publication) -> None:
+        """Store a publication durably."""
+        graph = publication.graph
+        with self._store.writing() as session:
+            session.add(
+                PublicationRow(
+                    site_id=self._site_id,
+                    version=graph.version,
+                    author=publication.author,
+                    at_s=publication.at_s,
+                    graph_json=msgspec.json.encode(graph).decode(),
+                )
+            )
+            self._store.add_audit(session, publication.author, "graph_publish", f"version {graph.version}")
+
+    @staticmethod
+    def _decode(version: int, text: str) -> LogEntry:
+        try:
+            return msgspec.json.decode(text, type=LogEntry)
+        except msgspec.MsgspecError as error:
+            raise InputError(
+                f"Version {version} of the PoI-graph cannot be read from the database ({error}): restore a backup."
+            ) from error

@@ -1,0 +1,86 @@
+"""Who may call what: one table for every route. A route that is not in it is refused (and a test fails).
+
+The method is the HTTP method, or ``WS``; the path is the route's own, with its parameters as written.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+from console.roles import EDITING, MANAGING, SIGNED_IN, TUNING, Role
+
+
+@dataclass(frozen=True, slots=True)
+class Rule:
+    """Who may call a route."""
+
+    who: Literal["anyone", "people", "devices"]
+    roles: frozenset[Role] = frozenset()
+    """Of people."""
+
+    def permits(self, role: Role | None) -> bool:
+        """Say whether somebody of this role (None: not signed in) may call it."""
+        return self.who == "anyone" or (self.who == "people" and role in self.roles)
+
+
+ANYONE = Rule("anyone")
+DEVICES = Rule("devices")
+EVERYBODY = Rule("people", SIGNED_IN)
+EDITORS = Rule("people", EDITING)
+TECHNICIANS = Rule("people", TUNING)
+ADMINS = Rule("people", MANAGING)
+
+RULES: Mapping[tuple[str, str], Rule] = {
+    # Pages and their files; they hold nothing that is secret, and what they show they ask the API for.
+    ("GET", "/signin"): ANYONE,
+    ("GET", "/first"): ANYONE,
+    ("GET", "/static"): ANYONE,
+    ("GET", "/favicon.ico"): ANYONE,
+    ("GET", "/healthz"): ANYONE,
+    ("GET", "/"): EVERYBODY,
+    ("GET", "/pois"): EVERYBODY,
+    ("GET", "/settings"): EVERYBODY,
+    ("GET", "/admin"): ADMINS,
+    # Signing in and out.
+    ("POST", "/api/sign-in"): ANYONE,
+    ("POST", "/api/first/look"): ANYONE,
+    ("POST", "/api/first"): ANYONE,
+    ("POST", "/api/sign-out"): EVERYBODY,
+    ("GET", "/api/session"): EVERYBODY,
+    # The PoI-graph.
+    ("GET", "/api/graph"): EVERYBODY,
+    ("GET", "/api/history"): EVERYBODY,
+    ("POST", "/api/edits"): EDITORS,
+    ("POST", "/api/undo"): EDITORS,
+    ("POST", "/api/redo"): EDITORS,
+    ("POST", "/api/publish"): EDITORS,
+    ("POST", "/api/view"): EVERYBODY,
+    # The 3D scene.
+    ("GET", "/viewer/scene/"): EVERYBODY,
+    ("WS", "/viewer/scene"): EVERYBODY,
+    # Devices, seen by people.
+    ("WS", "/live"): EVERYBODY,
+    ("GET", "/api/devices/{device_id}/depth.jpg"): EVERYBODY,
+    ("POST", "/api/devices/{device_id}/destination"): EDITORS,
+    ("POST", "/api/devices/{device_id}/clear"): EDITORS,
+    ("POST", "/api/devices/{device_id}/pause"): EDITORS,
+    ("POST", "/api/devices/{device_id}/resume"): EDITORS,
+    ("POST", "/api/devices/{device_id}/say"): EVERYBODY,
+    ("GET", "/api/settings"): EVERYBODY,
+    ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
+    ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
+    # People and devices, managed.
+    ("GET", "/api/users"): ADMINS,
+    ("POST", "/api/users"): ADMINS,
+    ("PATCH", "/api/users/{user_id}"): ADMINS,
+    ("POST", "/api/users/{user_id}/link"): ADMINS,
+    ("GET", "/api/tokens"): ADMINS,
+    ("POST", "/api/tokens"): ADMINS,
+    ("POST", "/api/tokens/revoke"): ADMINS,
+    ("GET", "/api/audit"): ADMINS,
+    # Devices themselves.
+    ("WS", "/device"): DEVICES,
+    ("GET", "/api/device/map/{checksum}"): DEVICES,
+}

@@ -1,0 +1,187 @@
+"""The guard in front of every route: host, origin, session or device token, role, and the headers of each answer.
+
+What a role may do is in :mod:`console.rules`. The guard puts who asks into ``scope["state"]``: ``visitor``
+(:class:`console.roles.SignedIn`) for people, ``device_name`` for devices.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Mapping
+from typing import Any
+from urllib.parse import quote, urlsplit
+
+from fastapi import Request
+from fastapi.responses import JSONResponse, RedirectResponse, Response
+from starlette.concurrency import run_in_threadpool
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.routing import Match
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.websockets import WebSocketClose
+
+from console.errors import ConsoleError, ForbiddenError, SignInError
+from console.roles import SignedIn
+from console.rules import RULES, Rule
+from console.services import Services
+
+_log = logging.getLogger(__name__)
+SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
+PAGE_POLICY = (
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
+    "frame-src 'self'; manifest-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+)
+"""Content-Security-Policy of our own pages; a route that sets its own (the scene's page) keeps it."""
+_HEADERS = {
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(), microphone=(), geolocation=(), payment=(), usb=()",
+    "Content-Security-Policy": PAGE_POLICY,
+    "Cache-Control": "no-store",
+}
+
+
+def cookie_name(connection: HTTPConnection) -> str:
+    """Return the name of the session cookie: with the port, since browsers share cookies between ports of a host."""
+    port = _split_host(connection.headers.get("host", ""))[1]
+    return f"vbr_session_{port}" if port else "vbr_session"
+
+
+def set_session_cookie(response: Response, request: Request, token: str, uses_tls: bool, longest_s: float) -> None:
+    """Give the browser its session; no script can read it, no other site can make the browser send it."""
+    response.set_cookie(
+        cookie_name(request), token, max_age=int(longest_s), path="/", httponly=True, samesite="strict", secure=uses_tls
+    )
+
+
+def visitor_of(connection: HTTPConnection) -> SignedIn | None:
+    """Return who sent a request or opened a WebSocket, as the guard found; None for nobody."""
+    visitor = connection.scope.get("state", {}).get("visitor")
+    return visitor if isinstance(visitor, SignedIn) else None
+
+
+class Guard:
+    """ASGI middleware that lets through only what the rules permit."""
+
+    def __init__(self, app: ASGIApp, services: Services, rules: Mapping[tuple[str, str], Rule] = RULES) -> None:
+        self._app = app
+        self._services = services
+        self._rules = rules
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve one request or WebSocket."""
+        if scope["type"] not in ("http", "websocket"):
+            await self._app(scope, receive, send)
+            return
+        connection = HTTPConnection(scope)
+        sender = _with_headers(send, self._services.config.uses_tls) if scope["type"] == "http" else send
+        try:
+            await self._admit(connection)
+        except ConsoleError as error:
+            await _refusal(connection, error)(scope, receive, sender)
+            return
+        await self._app(scope, receive, sender)
+
+    async def _admit(self, connection: HTTPConnection) -> None:
+        self._check_host(connection)
+        method, path = _route_of(connection.scope)
+        state = connection.scope.setdefault("state", {})
+        state["visitor"] = visitor = await self._find_visitor(connection)
+        state["device_name"] = None
+        if path is None:
+            # No route: the application answers 404, or 405.
+            _check_origin(connection, method)
+            return
+        rule = self._rules.get((method, path))
+        if rule is None:
+            _log.error("The route %s %s has no rule in console.rules: it is refused.", method, path)
+            raise ForbiddenError("Nobody may do this: the route has no rule.")
+        if rule.who == "devices":
+            state["device_name"] = await self._find_device(connection)
+            return
+        _check_origin(connection, method)
+        if rule.permits(visitor.role if visitor else None):
+            return
+        if visitor is None:
+            raise SignInError("Sign in first: nobody is signed in here, or the session is over.")
+        raise ForbiddenError(f"Your role ({visitor.role}) does not permit this: ask an admin.")
+
+    def _check_host(self, connection: HTTPConnection) -> None:
+        # A page elsewhere whose name is made to lead to this machine (DNS rebinding) still carries its own name.
+        allowed = self._services.config.allowed_hosts
+        name, _ = _split_host(connection.headers.get("host", ""))
+        if allowed is not None and name not in allowed:
+            raise ForbiddenError("This console is not reached by that name: use the address that it printed.")
+
+    async def _find_visitor(self, connection: HTTPConnection) -> SignedIn | None:
+        token = connection.cookies.get(cookie_name(connection))
+        return await run_in_threadpool(self._services.accounts.signed_in, token) if token else None
+
+    async def _find_device(self, connection: HTTPConnection) -> str:
+        scheme, _, token = connection.headers.get("authorization", "").partition(" ")
+        name = None
+        if scheme.lower() == "bearer" and token:
+            name = await run_in_threadpool(self._services.devices.name_of, token.strip())
+        if name is None:
+            raise SignInError("This device token is not valid: make one with `vbr console token NAME`.")
+        return name
+
+
+def _route_of(scope: Scope) -> tuple[str, str | None]:
+    """Return the method (``WS`` for a WebSocket) and the path of the route that will serve this; None for no route."""
+    method = "WS" if scope["type"] == "websocket" else scope["method"]
+    for route in scope["app"].router.routes:
+        if route.matches(scope)[0] is Match.FULL:
+            return ("GET" if method == "HEAD" else method), getattr(route, "path", "")
+    return method, None
+
+
+def _check_origin(connection: HTTPConnection, method: str) -> None:
+    if method in SAFE_METHODS:
+        return
+    origin, host = connection.headers.get("origin", ""), connection.headers.get("host", "")
+    if not host or urlsplit(origin).netloc.lower() != host.lower():
+        raise ForbiddenError("This was not sent by a page of this console: open the console and try there.")
+
+
+def _split_host(host: str) -> tuple[str, str]:
+    try:
+        parts = urlsplit(f"//{host}")
+        return (parts.hostname or "").lower(), str(parts.port or "")
+    except ValueError:
+        return "", ""
+
+
+def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
+    if connection.scope["type"] == "websocket":
+        # Before it is accepted: the browser gets a plain 403.
+        return WebSocketClose(4401 if error.status == 401 else 4403, str(error))
+    path = connection.url.path
+    wants_page = connection.scope["method"] == "GET" and not path.startswith("/api/")
+    if wants_page and error.status == 401:
+        return RedirectResponse(f"/signin?next={quote(path)}", status_code=303)
+    return error_response(error)
+
+
+def error_response(error: ConsoleError) -> JSONResponse:
+    """Return a refusal as JSON: ``{"error": sentence}``."""
+    response = JSONResponse({"error": str(error)}, status_code=error.status)
+    retry_after_s: Any = getattr(error, "retry_after_s", None)
+    if retry_after_s is not None:
+        response.headers["Retry-After"] = str(max(1, round(retry_after_s)))
+    return response
+
+
+def _with_headers(send: Send, uses_tls: bool) -> Send:
+    async def send_with_headers(message: Message) -> None:
+        if message["type"] == "http.response.start":
+            headers = MutableHeaders(scope=message)
+            for name, value in _HEADERS.items():
+                headers.setdefault(name, value)
+            if uses_tls:
+                headers.setdefault("Strict-Transport-Security", "max-age=31536000")
+        await send(message)
+
+    return send_with_headers

@@ -1,0 +1,50 @@
+"""Everything that the console's routes work with, put together once."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from console.accounts import Accounts
+from console.config import ConsoleConfig
+from console.device_store import DeviceStore
+from console.hub import DeviceHub
+from console.map_package import MapPackage
+from console.model import ModelChange, SiteModel
+from console.sockets import SessionSockets
+from console.store import Store
+from console.view_requests import ViewRequests
+
+
+@dataclass(frozen=True, slots=True)
+class Services:
+    """The parts behind the routes; also ``app.state.services``."""
+
+    config: ConsoleConfig
+    store: Store
+    accounts: Accounts
+    devices: DeviceStore
+    model: SiteModel
+    hub: DeviceHub
+    views: ViewRequests
+    """Requests of a page to the 3D scene inside it."""
+    sockets: SessionSockets
+    """What to close when a session ends."""
+    package: MapPackage
+
+
+def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
+    """Put the parts together: sessions that end close their sockets, what is published reaches the devices."""
+    sockets, views = SessionSockets(), ViewRequests()
+    package = MapPackage(config.site_folder)
+
+    def session_ended(session_id: str) -> None:
+        sockets.close(session_id)
+        views.forget(session_id)
+
+    def model_changed(change: ModelChange) -> None:
+        if change.kind == "publish":
+            hub.offer_graph(model.published, package.checksum)
+
+    model.subscribe(model_changed)
+    accounts = Accounts(store, hub.now_s, session_ended)
+    return Services(config, store, accounts, DeviceStore(store), model, hub, views, sockets, package)

@@ -1,0 +1,121 @@
+"""The console's database: SQLite in WAL mode by default, through SQLAlchemy, so that a URL may name PostgreSQL instead.
+
+What :meth:`Store.writing` has committed survives a crash and a power cut (``synchronous=FULL``).
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select
+from sqlalchemy.exc import DatabaseError, OperationalError
+from sqlalchemy.orm import Session
+
+from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
+from navcore.errors import InputError
+
+DATABASE_FILE = "console.sqlite3"
+_WRITES = "vbr_writes"
+
+
+class Store:
+    """An open database. All methods may be called from any thread.
+
+    ``wall_s`` is the clock of every date that is stored.
+    """
+
+    def __init__(self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time) -> None:
+        self.wall_s = wall_s
+        self._engine = engine
+        self._writing_engine = engine.execution_options(**{_WRITES: True})
+        self._write_lock = threading.RLock()
+        _prepare_schema(self._writing_engine, where)
+
+    @staticmethod
+    def open(folder: Path, wall_s: Callable[[], float] = time.time) -> Store:
+        """Open, or make, the database in a folder. Raises InputError where it is damaged, newer, or not writable."""
+        path = folder / DATABASE_FILE
+        try:
+            folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        except OSError as error:
+            raise InputError(f"The folder {folder} cannot be made ({error}): name another with --data.") from error
+        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
+
+    @contextmanager
+    def reading(self) -> Iterator[Session]:
+        """Open a session that only reads."""
+        with Session(self._engine, expire_on_commit=False) as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Open a session that is committed at the end of the block, durably; an exception undoes it."""
+        with self._write_lock, Session(self._writing_engine, expire_on_commit=False) as session, session.begin():
+            yield session
+
+    def audit(self, who: str, action: str, detail: str = "") -> None:
+        """Write down who did what."""
+        with self.writing() as session:
+            self.add_audit(session, who, action, detail)
+
+    def add_audit(self, session: Session, who: str, action: str, detail: str = "") -> None:
+        """Write down who did what, in the same transaction as the deed."""
+        session.add(AuditRow(at_s=self.wall_s(), who=who, action=action, detail=detail[:500]))
+
+    def latest_audit(self, count: int) -> list[AuditRow]:
+        """Return the last deeds, newest first."""
+        with self.reading() as session:
+            return list(session.scalars(select(AuditRow).order_by(AuditRow.id.desc()).limit(count)))
+
+    def close(self) -> None:
+        """Close the database."""
+        self._engine.dispose()
+
+
+def _sqlite_engine(url: str) -> Engine:
+    engine = create_engine(url, connect_args={"check_same_thread": False, "timeout": 10.0})
+
+    @event.listens_for(engine, "connect")
+    def configure(connection: Any, record: object) -> None:
+        # The driver's own guesses about transactions are switched off: BEGIN is ours, below.
+        connection.isolation_level = None
+        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+            connection.execute(f"PRAGMA {pragma}")
+
+    @event.listens_for(engine, "begin")
+    def begin(connection: Connection) -> None:
+        # A writer takes its lock at the start: upgrading later fails where another process has written meanwhile.
+        immediate = connection.get_execution_options().get(_WRITES, False)
+        connection.exec_driver_sql("BEGIN IMMEDIATE" if immediate else "BEGIN")
+
+    return engine
+
+
+def _prepare_schema(engine: Engine, where: str) -> None:
+    try:
+        with engine.begin() as connection:
+            if not inspect(connection).get_table_names():
+                Base.metadata.create_all(connection)
+                connection.execute(insert(SchemaRow).values(version=SCHEMA_VERSION))
+                return
+            version = connection.scalar(select(SchemaRow.version))
+    except OperationalError as error:
+        raise InputError(
+            f"The database {where} cannot be opened ({error.orig}): see whether its folder is writable and the disk has"
+            " room, or name another folder with --data."
+        ) from error
+    except DatabaseError as error:
+        raise InputError(
+            f"The database {where} is damaged ({error.orig}): restore it from a backup, or name another folder with"
+            " --data."
+        ) from error
+    if version is None or version != SCHEMA_VERSION:
+        raise InputError(
+            f"The database {where} is of version {version}, and this program knows version {SCHEMA_VERSION}: update the"
+            " program, or name another folder with --data."
+        )

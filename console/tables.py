@@ -1,0 +1,151 @@
+"""The tables of the console's database. Times are Unix seconds; secrets are kept as hashes only."""
+
+from __future__ import annotations
+
+from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
+from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
+
+SCHEMA_VERSION = 1
+
+
+class Base(DeclarativeBase):
+    """Base of all tables."""
+
+
+class SchemaRow(Base):
+    """The version of these tables; one row."""
+
+    __tablename__ = "schema_info"
+    version: Mapped[int] = mapped_column(primary_key=True)
+
+
+class UserRow(Base):
+    """A person who may sign in."""
+
+    __tablename__ = "users"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    name_key: Mapped[str] = mapped_column(unique=True)
+    """The name as it is compared: without regard to case and spacing."""
+    password_hash: Mapped[str]
+    """argon2id; empty until the person has chosen a password."""
+    role: Mapped[str]
+    created_at_s: Mapped[float]
+    disabled_at_s: Mapped[float | None]
+
+
+class SessionRow(Base):
+    """A signed-in browser."""
+
+    __tablename__ = "sessions"
+    token_hash: Mapped[str] = mapped_column(primary_key=True)
+    user_id: Mapped[int] = mapped_column(ForeignKey("users.id"), index=True)
+    created_at_s: Mapped[float]
+    last_seen_at_s: Mapped[float]
+
+
+class OneTimeLinkRow(Base):
+    """A link that lets one person choose a password, once."""
+
+    __tablename__ = "one_time_links"
+    token_hash: Mapped[str] = mapped_column(primary_key=True)
+    user_id: Mapped[int | None] = mapped_column(ForeignKey("users.id"))
+    """Whose password it sets; None makes a new admin."""
+    created_at_s: Mapped[float]
+    expires_at_s: Mapped[float]
+    used_at_s: Mapped[float | None]
+
+
+class DeviceTokenRow(Base):
+    """What a device signs in with."""
+
+    __tablename__ = "device_tokens"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    token_hash: Mapped[str] = mapped_column(unique=True)
+    created_by: Mapped[str]
+    created_at_s: Mapped[float]
+    last_seen_at_s: Mapped[float | None]
+    revoked_at_s: Mapped[float | None]
+
+
+class DeviceRow(Base):
+    """A device that has called, and the token's name that it belongs to: no other token may speak for it."""
+
+    __tablename__ = "devices"
+    device_id: Mapped[str] = mapped_column(primary_key=True)
+    token_name: Mapped[str] = mapped_column(ForeignKey("device_tokens.name"))
+
+
+class SiteRow(Base):
+    """A site that this console has opened."""
+
+    __tablename__ = "sites"
+    site_id: Mapped[str] = mapped_column(primary_key=True)
+    name: Mapped[str]
+    first_opened_at_s: Mapped[float]
+
+
+class GraphEntryRow(Base):
+    """One change of a site's draft graph."""
+
+    __tablename__ = "graph_entries"
+    site_id: Mapped[str] = mapped_column(ForeignKey("sites.site_id"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    author: Mapped[str]
+    at_s: Mapped[float]
+    entry_json: Mapped[str] = mapped_column(Text)
+    """The whole entry: :class:`console.graph_log.LogEntry`."""
+
+
+class PublicationRow(Base):
+    """A graph as it was published."""
+
+    __tablename__ = "publications"
+    site_id: Mapped[str] = mapped_column(ForeignKey("sites.site_id"), primary_key=True)
+    version: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
+    author: Mapped[str]
+    at_s: Mapped[float]
+    graph_json: Mapped[str] = mapped_column(Text)
+
+
+class EventRow(Base):
+    """An event of a device, stored before it is confirmed."""
+
+    __tablename__ = "device_events"
+    __table_args__ = (UniqueConstraint("device_id", "sequence"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    device_id: Mapped[str] = mapped_column(ForeignKey("devices.device_id"))
+    sequence: Mapped[int]
+    stamp_s: Mapped[float]
+    arrived_at_s: Mapped[float]
+    kind: Mapped[str]
+    text: Mapped[str]
+
+
+class SettingsRevisionRow(Base):
+    """Settings that somebody asked a device to run: who, when, from, to, why, and what the device said."""
+
+    __tablename__ = "settings_revisions"
+    revision: Mapped[int] = mapped_column(primary_key=True)
+    device_id: Mapped[str] = mapped_column(ForeignKey("devices.device_id"), index=True)
+    author: Mapped[str]
+    at_s: Mapped[float]
+    why: Mapped[str]
+    changes_json: Mapped[str] = mapped_column(Text)
+    """``{"group.name": [from, to]}``."""
+    values_json: Mapped[str] = mapped_column(Text)
+    state: Mapped[str]
+    """sent, running or refused."""
+    refusal: Mapped[str]
+
+
+class AuditRow(Base):
+    """Something that somebody did."""
+
+    __tablename__ = "audit"
+    __table_args__ = (Index("audit_by_time", "at_s"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    at_s: Mapped[float]
+    who: Mapped[str]
+    action: Mapped[str]
+    detail: Mapped[str]

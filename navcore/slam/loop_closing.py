@@ -1,0 +1,221 @@
+"""Loop closing: noticing that a place is seen again, and taking the drift out of the map (ORB-SLAM2, section III-D).
+
+Candidates come from place recognition and from the map itself (key frames that should see the same, were it not for
+drift). They are verified by geometry, must fit the drift that a walk of that length can have, and are believed only
+when two key frames in a row say the same; then the loop is closed and the whole map adjusted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from navcore.geometry import FloatArray
+from navcore.slam import loop_correction, loop_verification, mapping, place_recognition
+from navcore.slam.keyframes import IntArray
+from navcore.slam.loop_verification import VerifiedLoop, verify
+from navcore.slam.map import MapBuilder
+from navcore.slam.place_recognition import PlaceIndex, Vocabulary
+
+FIRST_TRAINING = 16
+"""Key frames at which the vocabulary is trained for the first time; again whenever there are four times as many."""
+MIN_AGE = 10
+"""Key frames that must lie between the two ends of a loop."""
+COVISIBLE = 15
+"""Shared landmarks that make two key frames neighbours: between them nothing needs to be closed."""
+ALIKE_CANDIDATES = 3
+NEAR_CANDIDATES = 2
+MIN_RELATIVE_SCORE = 0.3
+"""A candidate must look this much alike, compared with the key frame's own neighbours."""
+DRIFT_M_PER_M = 0.05
+"""Drift that a walk can have, per metre walked, …"""
+DRIFT_M = 0.4
+"""… and what is allowed in any case."""
+DRIFT_RAD_PER_M = 0.02
+DRIFT_RAD = 0.12
+AGREEMENT_M = 0.12
+"""Two detections in a row say the same when they agree on the key frame's place up to this, and on its …"""
+AGREEMENT_RAD = 0.05
+"""… orientation up to this."""
+MEMORY = 4
+"""Detections are compared with those of so many key frames before."""
+SMALL_CORRECTION_M = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class LoopClosure:
+    """A loop that was closed."""
+
+    keyframe: int
+    candidate: int
+    correction_m: float
+    """By how much the key frame moved."""
+    supporting_landmarks: int
+
+
+class LoopCloser:
+    """Looks for loops each time a key frame is added. Deterministic for a seed."""
+
+    def __init__(self, builder: MapBuilder, seed: int = 0) -> None:
+        self.closures: list[LoopClosure] = []
+        self._builder = builder
+        self._seed = seed
+        self._index: PlaceIndex | None = None
+        self._next_training = FIRST_TRAINING
+        self._recent: list[VerifiedLoop] = []
+
+    @property
+    def places(self) -> PlaceIndex:
+        """The place index over the living key frames, on a vocabulary trained on all of them."""
+        return self._trained()
+
+    def add(self, keyframe: int) -> LoopClosure | None:
+        """Take a new key frame in; close a loop where it completes one.
+
+        After a closure the whole map has moved and ``builder.version`` is higher.
+        """
+        self._take_in(keyframe)
+        detected = self._detect(keyframe)
+        if detected is None:
+            return None
+        partner = self._confirming(detected)
+        self._recent = [*self._recent, detected][-MEMORY:]
+        return None if partner is None else self._close([partner, detected])
+
+    def finish(self, iterations: int = 15) -> list[LoopClosure]:
+        """Look for loops from every key frame once more, and adjust the whole map; return what was closed now."""
+        before = len(self.closures)
+        self._index = self._trained()
+        self._recent = []
+        for keyframe in np.flatnonzero(self._builder.keyframe_alive).tolist():
+            if not self._builder.keyframe_alive[keyframe]:
+                continue
+            self._recent = [loop for loop in self._recent if keyframe - loop.keyframe <= 2 * MEMORY]
+            detected = self._detect(keyframe)
+            if detected is None:
+                continue
+            partner = self._confirming(detected)
+            self._recent.append(detected)
+            if partner is not None:
+                self._close([partner, detected])
+        if len(self._builder.keyframes) > 1:
+            mapping.adjust_all(self._builder, iterations)
+        return self.closures[before:]
+
+    # ------------------------------------------------------------------------------------------- candidates
+    def _take_in(self, keyframe: int) -> None:
+        if len(self._builder.keyframes) >= self._next_training:
+            self._index = self._trained()
+            self._next_training *= 4
+        elif self._index is not None:
+            self._index.add(keyframe, self._builder.keyframes[keyframe].features.descriptors)
+
+    def _trained(self) -> PlaceIndex:
+        alive = np.flatnonzero(self._builder.keyframe_alive).tolist()
+        per_keyframe = [self._builder.keyframes[k].features.descriptors for k in alive]
+        index = PlaceIndex(Vocabulary.train(np.concatenate(per_keyframe), self._seed))
+        for keyframe, descriptors in zip(alive, per_keyframe, strict=True):
+            index.add(keyframe, descriptors)
+        return index
+
+    def candidates(self, keyframe: int) -> list[int]:
+        """Return older key frames that may show the same place without sharing landmarks, the likeliest first."""
+        if self._index is None:
+            return []
+        neighbours, _ = self._builder.covisible(keyframe, COVISIBLE)
+        dead = np.flatnonzero(~self._builder.keyframe_alive)
+        recent = np.arange(keyframe - MIN_AGE + 1, len(self._builder.keyframes))
+        excluded = np.unique(np.concatenate([neighbours, dead, recent])).astype(np.int32)
+        alike = self._alike(keyframe, neighbours, excluded)
+        return alike + [k for k in self._near(keyframe, excluded) if k not in alike]
+
+    def _alike(self, keyframe: int, neighbours: IntArray, excluded: IntArray) -> list[int]:
+        assert self._index is not None
+        scores = self._index.scores(self._builder.keyframes[keyframe].features.descriptors)
+        ids = self._index.ids
+        of_neighbours = scores[np.isin(ids, neighbours)]
+        least = MIN_RELATIVE_SCORE * float(np.max(of_neighbours)) if len(of_neighbours) else 0.0
+        open_to_all = ~np.isin(ids, excluded) & (scores > least)
+        chosen: list[int] = []
+        for position in np.argsort(-scores, kind="stable").tolist():
+            # Candidates next to one another would say the same.
+            if open_to_all[position] and all(abs(int(ids[position]) - k) > 2 for k in chosen):
+                chosen.append(int(ids[position]))
+            if len(chosen) == ALIKE_CANDIDATES:
+                break
+        return chosen
+
+    def _near(self, keyframe: int, excluded: IntArray) -> list[int]:
+        """Return key frames that by the map stand near and look the same way."""
+        poses = self._builder.camera_from_world
+        open_to_all = np.ones(len(poses), np.bool_)
+        open_to_all[excluded] = False
+        centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
+        distance = np.linalg.norm(centres - centres[keyframe], axis=1)
+        cosine = poses[:, 2, :3] @ poses[keyframe, 2, :3]
+        open_to_all &= (cosine > np.cos(np.radians(30))) & (distance < 1.5)
+        near = np.flatnonzero(open_to_all)
+        return [int(k) for k in near[np.argsort(distance[near], kind="stable")][:NEAR_CANDIDATES]]
+
+    # -------------------------------------------------------------------------------------------- detection
+    def _detect(self, keyframe: int) -> VerifiedLoop | None:
+        best: VerifiedLoop | None = None
+        for candidate in self.candidates(keyframe):
+            loop = verify(self._builder, keyframe, candidate, self._seed)
+            if loop is None or not self._is_plausible_drift(loop):
+                continue
+            if best is None or len(loop.feature) > len(best.feature):
+                best = loop
+        return best
+
+    def _is_plausible_drift(self, loop: VerifiedLoop) -> bool:
+        """Return whether the correction is no larger than the drift of a walk of this length."""
+        walked_m = self._walked(loop.candidate, loop.keyframe)
+        shift_m, turn_rad = difference(loop.camera_from_world, self._builder.camera_from_world[loop.keyframe])
+        return shift_m <= DRIFT_M + DRIFT_M_PER_M * walked_m and turn_rad <= DRIFT_RAD + DRIFT_RAD_PER_M * walked_m
+
+    def _walked(self, first: int, last: int) -> float:
+        alive = np.flatnonzero(self._builder.keyframe_alive)
+        between = self._builder.camera_from_world[alive[(alive >= first) & (alive <= last)]]
+        centres = -np.einsum("kji,kj->ki", between[:, :3, :3], between[:, :3, 3])
+        return float(np.sum(np.linalg.norm(np.diff(centres, axis=0), axis=1)))
+
+    def _confirming(self, detected: VerifiedLoop) -> VerifiedLoop | None:
+        """Return an earlier detection that says the same of where this key frame is."""
+        for earlier in reversed(self._recent):
+            if earlier.keyframe == detected.keyframe or not self._builder.keyframe_alive[earlier.keyframe]:
+                continue
+            poses = self._builder.camera_from_world
+            step = poses[detected.keyframe] @ np.linalg.inv(poses[earlier.keyframe])
+            shift_m, turn_rad = difference(detected.camera_from_world, step @ earlier.camera_from_world)
+            if shift_m <= AGREEMENT_M and turn_rad <= AGREEMENT_RAD:
+                return earlier
+        return None
+
+    # ---------------------------------------------------------------------------------------------- closing
+    def _close(self, loops: list[VerifiedLoop]) -> LoopClosure:
+        builder, last = self._builder, loops[-1]
+        before = builder.camera_from_world[last.keyframe].copy()
+        loop_correction.correct(builder, loops)
+        mapping.adjust_all(builder, 8)
+        moved_m, _ = difference(before, builder.camera_from_world[last.keyframe])
+        closure = LoopClosure(last.keyframe, last.candidate, moved_m, len(last.feature))
+        self.closures.append(closure)
+        self._recent = []
+        return closure
+
+
+def difference(camera_from_world_a: FloatArray, camera_from_world_b: FloatArray) -> tuple[float, float]:
+    """Return how far two cameras stand apart, in metres, and are turned against one another, in radians."""
+    centre_a = -camera_from_world_a[:3, :3].T @ camera_from_world_a[:3, 3]
+    centre_b = -camera_from_world_b[:3, :3].T @ camera_from_world_b[:3, 3]
+    cosine = 0.5 * (np.trace(camera_from_world_a[:3, :3] @ camera_from_world_b[:3, :3].T) - 1.0)
+    return float(np.linalg.norm(centre_a - centre_b)), float(np.arccos(np.clip(cosine, -1.0, 1.0)))
+
+
+def warm_up() -> None:
+    """Compile the kernels that loop closing alone uses."""
+    place_recognition.warm_up()
+    loop_correction.warm_up()
+    loop_verification.warm_up()

@@ -1,0 +1,27 @@
+"""Named places become PoIs where the recording person stood."""
+
+import numpy as np
+import pytest
+
+from navcore.planning.edits import validate
+from navcore.planning.road_network import RoadNetwork
+from navcore.recording import Mark
+from navcore.tagging import graph_from_marks
+
+
+def test_named_places_become_a_joined_graph() -> None:
+    stamps = np.arange(0.0, 10.0, 0.1)
+    positions = np.stack([stamps, np.zeros_like(stamps), np.full_like(stamps, 1.6)], axis=1)
+    network = RoadNetwork.from_roads([positions])
+    marks = [
+        Mark(1.0, "hall", "Hall"),
+        Mark(5.0, "bar", "Bar"),
+        Mark(9.0, "room", "Room"),
+        Mark(50.0, "exit", "Nowhere"),
+    ]
+    graph = graph_from_marks(marks, stamps, positions, network)
+    validate(graph)
+    assert [(poi.name, poi.kind) for poi in graph.pois.values()] == [("Hall", "hall"), ("Bar", "bar"), ("Room", "room")]
+    assert [poi.x_m for poi in graph.pois.values()] == pytest.approx([1.0, 5.0, 9.0], abs=0.06)
+    assert sorted(edge.length_m for edge in graph.edges.values()) == pytest.approx([4.0, 4.0], abs=0.1)
+    assert graph.version == 1

@@ -32,7 +32,7 @@ class FakeClock:
     def __init__(self, now_s: float = 0.0) -> None:
         self._now_s = now_s
         self._changed = threading.Condition()
-        self._sleeping = 0
+        self._wake_at_s: list[float] = []
 
     def now_s(self) -> float:
         """Seconds."""
@@ -42,10 +42,10 @@ class FakeClock:
     def sleep_until(self, stamp_s: float) -> None:
         """Wait until another thread has advanced the clock that far."""
         with self._changed:
-            self._sleeping += 1
+            self._wake_at_s.append(stamp_s)
             self._changed.notify_all()
             self._changed.wait_for(lambda: self._now_s >= stamp_s)
-            self._sleeping -= 1
+            self._wake_at_s.remove(stamp_s)
 
     def advance(self, seconds: float) -> None:
         """Move time forward and wake whoever's hour has come."""
@@ -54,10 +54,13 @@ class FakeClock:
             self._changed.notify_all()
 
     def wait_for_sleepers(self, count: int, timeout_s: float = 10.0) -> None:
-        """Return when at least ``count`` threads sleep on this clock. Raises TimeoutError."""
+        """Return when at least ``count`` threads sleep whose hour has not come yet. Raises TimeoutError."""
         with self._changed:
-            if not self._changed.wait_for(lambda: self._sleeping >= count, timeout_s):
+            if not self._changed.wait_for(lambda: self._asleep() >= count, timeout_s):
                 raise TimeoutError(f"fewer than {count} threads sleep on the clock")
+
+    def _asleep(self) -> int:
+        return sum(stamp_s > self._now_s for stamp_s in self._wake_at_s)
 
 
 class SteppedClock:

@@ -1,0 +1,56 @@
+"""The machine's loudspeaker or earphone, through the optional package sounddevice (extra ``audio``)."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import queue
+import threading
+from typing import Any
+
+from device_agent.audio import render_cue
+from device_agent.speech import SAMPLE_RATE_HZ, Speech
+from navcore.cues.table import Cue
+from navcore.errors import MissingPackageError, SensorError
+
+_log = logging.getLogger(__name__)
+
+
+class SoundDeviceOutput:
+    """Plays cues; the newest cuts off the one that sounds. Rendering happens in a thread of its own."""
+
+    def __init__(self, speech: Speech) -> None:
+        """Raises MissingPackageError without the package, SensorError without a sound device."""
+        try:
+            self._sounddevice: Any = importlib.import_module("sounddevice")
+            self._sounddevice.check_output_settings(channels=2, samplerate=SAMPLE_RATE_HZ)
+        except ModuleNotFoundError as error:
+            raise MissingPackageError(
+                "Sound needs the package 'sounddevice': run `pip install 'virtual-blind-road[audio]'`."
+            ) from error
+        except Exception as error:
+            # The package raises errors of its own, and OSError where the system's PortAudio is missing.
+            raise SensorError(f"There is no sound device to play on ({error}): plug one in, or use --wav.") from error
+        self._speech = speech
+        self._cues: queue.SimpleQueue[Cue | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._run, name="sound", daemon=True)
+        self._thread.start()
+
+    def play(self, cue: Cue) -> None:
+        """Hand the cue over."""
+        self._cues.put(cue)
+
+    def close(self) -> None:
+        """Fall silent."""
+        if self._thread.is_alive():
+            self._cues.put(None)
+            self._thread.join()
+
+    def _run(self) -> None:
+        while (cue := self._cues.get()) is not None:
+            try:
+                self._sounddevice.play(render_cue(cue, self._speech), SAMPLE_RATE_HZ)
+            except Exception:
+                # An unplugged earphone must not end the thread: the next cue may find it plugged in again.
+                _log.exception("a cue could not be played")
+        self._sounddevice.stop()

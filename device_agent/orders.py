@@ -1,0 +1,159 @@
+"""What the console's orders do to the device's state. Pure: what is to happen in the world is returned as effects."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from device_agent.state import (
+    DeviceState,
+    Effect,
+    Happened,
+    Mode,
+    Notice,
+    PreparedMap,
+    Step,
+    StoreGraph,
+    StoreSettings,
+    SwapMap,
+)
+from navcore.errors import SettingError
+from navcore.planning.poi_graph import PoiGraph
+from navcore.wire import (
+    ApplySettings,
+    ClearDestination,
+    ConsoleMessage,
+    GraphRunning,
+    MapRunning,
+    Pause,
+    PublishGraph,
+    Resume,
+    RouteChanged,
+    Say,
+    SetDestination,
+    SettingsRunning,
+)
+
+Order = ConsoleMessage | PreparedMap
+
+
+def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
+    """Return the state after an order, and what is to be done."""
+    match order:
+        case SetDestination():
+            return _set_destination(state, order.poi_id)
+        case ClearDestination():
+            return _clear(state, now_s)
+        case Pause():
+            return _switched(state, "guiding", "paused")
+        case Resume():
+            return _resume(state)
+        case Say():
+            return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
+        case ApplySettings():
+            return _apply_settings(state, order)
+        case PublishGraph():
+            return _publish(state, order.graph)
+        case PreparedMap():
+            return replace(state, waiting_map=order), ()
+        case _:
+            return state, ()
+
+
+def at_rest(state: DeviceState) -> Step:
+    """Take what waited for a stop: the map first, then the PoI-graph. Nothing happens while somebody is being led."""
+    if state.leading:
+        return state, ()
+    effects: list[Effect] = []
+    if state.waiting_map is not None:
+        prepared = state.waiting_map
+        # The route and all that is remembered belong to the old map's frame of reference.
+        state = replace(
+            state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
+            graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None,
+        )  # fmt: skip
+        effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
+    if state.waiting_graph is not None:
+        graph = state.waiting_graph
+        state = replace(state, waiting_graph=None, graph=graph)
+        effects += [StoreGraph(graph), GraphRunning(graph.version)]
+    return state, tuple(effects)
+
+
+def mode_event(state: DeviceState) -> Happened:
+    """Say what the device does now."""
+    texts: dict[Mode, str] = {
+        "idle": "Nobody is being led.",
+        "guiding": f"Leading to {state.place_name(state.destination_id)}.",
+        "paused": "Guidance is paused.",
+        "arrived": f"Arrived at {state.place_name(state.destination_id)}.",
+    }
+    return Happened("mode", texts[state.mode])
+
+
+def _set_destination(state: DeviceState, poi_id: str) -> Step:
+    if state.leading and state.route is not None:
+        # Whoever is on their way is led on until the new way is known to exist.
+        state = replace(state, wanted_id=poi_id, mode="guiding")
+        return state, ()
+    state = replace(
+        state, wanted_id=poi_id, destination_id=poi_id, mode="guiding", route=None, guidance=None,
+        off_route_since_s=None,
+    )  # fmt: skip
+    return state, (mode_event(state),)
+
+
+def _clear(state: DeviceState, now_s: float) -> Step:
+    if state.mode == "idle":
+        return state, ()
+    state = stopped(state)
+    return state, (mode_event(state), RouteChanged(now_s))
+
+
+def stopped(state: DeviceState) -> DeviceState:
+    """Return the state in which nobody is led any more."""
+    return replace(
+        state, mode="idle", destination_id=None, wanted_id=None, route=None, guidance=None, off_route_since_s=None
+    )
+
+
+def _switched(state: DeviceState, before: Mode, after: Mode) -> Step:
+    if state.mode != before:
+        return state, ()
+    state = replace(state, mode=after)
+    return state, (mode_event(state),)
+
+
+def _resume(state: DeviceState) -> Step:
+    # The walker may have moved meanwhile: the way begins where they are now.
+    wanted_id = state.wanted_id or state.destination_id
+    state, effects = _switched(state, "paused", "guiding")
+    return (replace(state, wanted_id=wanted_id) if effects else state), effects
+
+
+def _apply_settings(state: DeviceState, order: ApplySettings) -> Step:
+    try:
+        settings = state.settings.changed(order.values)
+    except SettingError as error:
+        running = SettingsRunning(
+            state.settings_revision, state.settings.values(), refused_revision=order.revision, refusal=str(error)[:500]
+        )
+        return state, (running,)
+    state = replace(state, settings=settings, settings_revision=order.revision)
+    return state, (StoreSettings(settings, order.revision), SettingsRunning(order.revision, settings.values()))
+
+
+def _publish(state: DeviceState, graph: PoiGraph) -> Step:
+    refusal = _unsound(graph)
+    if refusal:
+        return state, (GraphRunning(state.graph.version, refusal),)
+    return replace(state, waiting_graph=graph), ()
+
+
+def _unsound(graph: PoiGraph) -> str:
+    for key, edge in graph.edges.items():
+        if edge.id != key or edge.a not in graph.pois or edge.b not in graph.pois or len(edge.path_m) < 2:
+            return f"The PoI-graph is unsound at edge {key}: check it in the editor and publish it again."
+    for key, poi in graph.pois.items():
+        if poi.id != key:
+            return f"The PoI-graph is unsound at PoI {key}: check it in the editor and publish it again."
+    return ""

@@ -1,0 +1,115 @@
+"""What the device knows between two frames: one frozen value; every step of the loop returns a new one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from navcore.planning.poi_graph import PoiGraph
+from navcore.settings import Settings
+from navcore.site import Site
+from navcore.types import Guidance, Route
+
+Mode = Literal["idle", "guiding", "paused", "arrived"]
+TrailPoint = tuple[float, float, float]
+"""Stamp (s), x and y (m) of the walker."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PreparedMap:
+    """A new map that is loaded and ready, but not swapped in yet."""
+
+    staging: Path
+    checksum: str
+    site: Site
+    localizer: LocalizerPort
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeviceState:
+    """Everything that the loop remembers.
+
+    ======== ===================================== ==========================================================
+    mode     meaning                               leaves it
+    ======== ===================================== ==========================================================
+    idle     nobody is being led                   SetDestination → guiding
+    guiding  the walker is led to ``destination``  Pause → paused; reached → arrived; cleared or no way → idle
+    paused   the walker stands                     Resume or SetDestination → guiding; ClearDestination → idle
+    arrived  the destination is reached            SetDestination → guiding; ClearDestination → idle
+    ======== ===================================== ==========================================================
+    """
+
+    settings: Settings
+    graph: PoiGraph
+    site_id: str = ""
+    map_checksum: str = ""
+    settings_revision: int = 0
+    mode: Mode = "idle"
+    destination_id: str | None = None
+    wanted_id: str | None = None
+    """A destination that is to be planned as soon as the pose is known."""
+    route: Route | None = None
+    route_version: int = 0
+    guidance: Guidance | None = None
+    """The previous guidance: the only memory of route following."""
+    off_route_since_s: float | None = None
+    trail: tuple[TrailPoint, ...] = ()
+    """Where the walker was during the last second or so."""
+    waiting_graph: PoiGraph | None = None
+    """A published PoI-graph that is taken at the next stop."""
+    waiting_map: PreparedMap | None = None
+    """A map that is swapped in at the next stop."""
+
+    @property
+    def leading(self) -> bool:
+        """Somebody is being led, even if they stand just now."""
+        return self.mode in ("guiding", "paused")
+
+    def place_name(self, poi_id: str | None) -> str:
+        """Return what a PoI is called."""
+        poi = self.graph.pois.get(poi_id or "")
+        return (poi.spoken_name or poi.name) if poi else str(poi_id)
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A sentence that the walker shall hear."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Happened:
+    """Something for the record, which reaches the console for certain."""
+
+    kind: EventKind
+    text: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreGraph:
+    """The PoI-graph that runs from now on is to be kept on disk."""
+
+    graph: PoiGraph
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreSettings:
+    """The settings that run from now on are to be kept on disk."""
+
+    settings: Settings
+    revision: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SwapMap:
+    """The prepared map is to be moved into place."""
+
+    prepared: PreparedMap
+
+
+Effect = KeptMessage | Notice | Happened | StoreGraph | StoreSettings | SwapMap
+"""What a step asks the agent to do in the world."""
+Step = tuple[DeviceState, tuple[Effect, ...]]

@@ -1,0 +1,114 @@
+"""What the console's orders do: pure steps from state to state."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from device_agent.adapters.fakes import FakeLocalizer
+from device_agent.orders import at_rest, carry_out
+from device_agent.state import DeviceState, Notice, PreparedMap, StoreGraph, StoreSettings, SwapMap
+from navcore.planning.poi_graph import Edge, PoiGraph
+from navcore.settings import Settings
+from navcore.site import Site
+from navcore.types import Localization, LocalizationQuality, Route
+from navcore.wire import (
+    ApplySettings,
+    ClearDestination,
+    GraphRunning,
+    MapRunning,
+    Pause,
+    PublishGraph,
+    Resume,
+    Say,
+    SetDestination,
+    SettingsRunning,
+)
+
+
+@pytest.fixture
+def idle(small_site: Site) -> DeviceState:
+    return DeviceState(Settings(), small_site.poi_graph, "small", "old")
+
+
+@pytest.fixture
+def guiding(idle: DeviceState) -> DeviceState:
+    route = Route(np.zeros((1, 2)), np.zeros(1))
+    return replace(idle, mode="guiding", destination_id="b", route=route, route_version=1)
+
+
+def test_a_settings_change_runs_whole_or_not_at_all(idle: DeviceState) -> None:
+    state, effects = carry_out(idle, ApplySettings(8, {"follower.sub_goal_distance_m": 2.5}), 0.0)
+    assert state.settings.follower.sub_goal_distance_m == 2.5
+    assert [type(effect) for effect in effects] == [StoreSettings, SettingsRunning]
+    assert effects[1] == SettingsRunning(8, state.settings.values())
+    refused, answers = carry_out(
+        state, ApplySettings(9, {"follower.sub_goal_distance_m": 1.5, "gate.clearance_m": 99.0}), 0.0
+    )
+    assert refused is state
+    (answer,) = answers
+    assert isinstance(answer, SettingsRunning)
+    assert (answer.revision, answer.refused_revision) == (8, 9)
+    assert "gate.clearance_m cannot be 99.0" in answer.refusal
+
+
+def test_a_graph_is_taken_at_once_only_when_nobody_is_led(idle: DeviceState, guiding: DeviceState) -> None:
+    graph = PoiGraph(version=5, pois=idle.graph.pois)
+    state, effects = at_rest(carry_out(idle, PublishGraph(graph), 0.0)[0])
+    assert state.graph is graph
+    assert [type(effect) for effect in effects] == [StoreGraph, GraphRunning]
+    for leading in (guiding, replace(guiding, mode="paused")):
+        waiting, effects = at_rest(carry_out(leading, PublishGraph(graph), 0.0)[0])
+        assert waiting.graph is guiding.graph
+        assert effects == ()
+        cleared = carry_out(waiting, ClearDestination(), 0.0)[0]
+        taken, effects = at_rest(cleared)
+        assert taken.graph is graph
+        assert effects[-1] == GraphRunning(5)
+        assert at_rest(replace(waiting, mode="arrived"))[0].graph is graph
+
+
+def test_an_unsound_graph_is_refused(idle: DeviceState) -> None:
+    graph = PoiGraph(2, idle.graph.pois, {"x": Edge("x", "a", "gone", ((0.0, 0.0), (1.0, 0.0)), 1.0)})
+    state, (answer,) = carry_out(idle, PublishGraph(graph), 0.0)
+    assert state is idle
+    assert isinstance(answer, GraphRunning)
+    assert (answer.version, "edge x" in answer.refusal) == (1, True)
+
+
+def test_a_map_is_swapped_only_at_rest_and_forgets_the_old_frame_of_reference(
+    guiding: DeviceState, small_site: Site
+) -> None:
+    lost = FakeLocalizer(lambda frame: Localization(frame.stamp_s, LocalizationQuality.LOST, None))
+    prepared = PreparedMap(Path("staging"), "new", small_site, lost)
+    waiting = carry_out(guiding, prepared, 0.0)[0]
+    assert at_rest(waiting) == (waiting, ())
+    rested, effects = at_rest(carry_out(replace(waiting, trail=((0.0, 1.0, 1.0),)), ClearDestination(), 0.0)[0])
+    assert (rested.map_checksum, rested.route, rested.trail, rested.waiting_map) == ("new", None, (), None)
+    assert isinstance(effects[0], SwapMap)
+    assert effects[0].prepared is prepared
+    assert effects[1:] == (MapRunning("new"), GraphRunning(1))
+
+
+def test_pause_and_resume_only_where_they_make_sense(idle: DeviceState, guiding: DeviceState) -> None:
+    assert carry_out(idle, Pause(), 0.0) == (idle, ())
+    assert carry_out(idle, Resume(), 0.0) == (idle, ())
+    paused = carry_out(guiding, Pause(), 0.0)[0]
+    assert paused.mode == "paused"
+    resumed = carry_out(paused, Resume(), 0.0)[0]
+    assert (resumed.mode, resumed.wanted_id) == ("guiding", "b")
+
+
+def test_whoever_is_on_their_way_is_led_on_until_the_new_way_exists(guiding: DeviceState) -> None:
+    state, effects = carry_out(guiding, SetDestination("elsewhere"), 0.0)
+    assert (state.route, state.destination_id, state.wanted_id) == (guiding.route, "b", "elsewhere")
+    assert effects == ()
+
+
+def test_a_message_is_spoken(idle: DeviceState) -> None:
+    state, effects = carry_out(idle, Say("Lunch is ready."), 0.0)
+    assert state is idle
+    assert effects[0] == Notice("Lunch is ready.")

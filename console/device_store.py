@@ -172,11 +172,11 @@ class DeviceStore:
             self._store.add_audit(session, author, "settings", f"{device_id} r{row.revision}: {row.changes_json}")
         return _as_revision(row)
 
-    def note_answer(self, revision: int, state: Literal["running", "refused"], refusal: str) -> None:
-        """Store what the device said to a revision."""
+    def note_answer(self, device_id: str, revision: int, state: Literal["running", "refused"], refusal: str) -> None:
+        """Store what a device said to a revision of its own."""
         with self._store.writing() as session:
             row = session.get(SettingsRevisionRow, revision)
-            if row is not None:
+            if row is not None and row.device_id == device_id and row.state != state:
                 row.state, row.refusal = state, refusal
 
     def revisions(self, device_id: str, count: int) -> list[SettingsRevision]:

@@ -171,6 +171,14 @@ class DeviceHub:
         for outlet in outlets:
             outlet.close(4401, "The token of this device was revoked.")
 
+    def require_connected(self, device_id: str) -> Outlet:
+        """Return the way to a device. Raises NotFoundError or, where it is away, ConflictError."""
+        device = self.device(device_id)
+        outlet = self._outlets.get(device_id)
+        if outlet is None:
+            raise ConflictError(f"{device.name} is not connected: wait until it is back, then try again.")
+        return outlet
+
     # ----------------------------------------------------------------------------------------------- commands
     def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
         """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
@@ -199,10 +207,7 @@ class DeviceHub:
     # ----------------------------------------------------------------------------------------------- internals
     def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
         with self._lock:
-            device = self.device(device_id)
-            outlet = self._outlets.get(device_id)
-            if outlet is None:
-                raise ConflictError(f"{device.name} is not connected: wait until it is back, then try again.")
+            device, outlet = self.device(device_id), self.require_connected(device_id)
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s())
             earlier = tuple(superseded(old, command) for old in device.commands[-COMMANDS_KEPT_COUNT + 1 :])
             self._put(replace(device, commands=(*earlier, command)))

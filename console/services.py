@@ -12,6 +12,7 @@ from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
 from console.sockets import SessionSockets
 from console.store import Store
+from console.tuning import Tuning
 from console.view_requests import ViewRequests
 
 
@@ -30,6 +31,8 @@ class Services:
     sockets: SessionSockets
     """What to close when a session ends."""
     package: MapPackage
+    tuning: Tuning
+    """The one way to change settings of a device: checked, numbered, audited."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -47,4 +50,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
 
     model.subscribe(model_changed)
     accounts = Accounts(store, hub.now_s, session_ended)
-    return Services(config, store, accounts, DeviceStore(store), model, hub, views, sockets, package)
+    devices = DeviceStore(store)
+    tuning = Tuning(devices, hub)
+    return Services(config, store, accounts, devices, model, hub, views, sockets, package, tuning)

@@ -1,0 +1,115 @@
+"""The API of people: signing in and out, one-time links, accounts, device tokens, the audit log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from fastapi import FastAPI, Request, Response
+
+from console.accounts import SESSION_LONGEST_S, User
+from console.bodies import FirstBody, InviteBody, LinkBody, SignInBody, TokenBody, UserChangeBody
+from console.requests import Visitor, json_response, link_to
+from console.security import cookie_name, set_session_cookie
+from console.services import Services
+
+AUDIT_SHOWN_COUNT = 200
+
+
+def add_routes(app: FastAPI, services: Services) -> None:
+    """Add the routes."""
+    _add_session_routes(app, services)
+    _add_user_routes(app, services)
+    _add_token_routes(app, services)
+
+
+def _add_session_routes(app: FastAPI, services: Services) -> None:
+    accounts = services.accounts
+
+    def start_session(request: Request, token: str) -> Response:
+        response = json_response({"ok": True})
+        set_session_cookie(response, request, token, services.config.uses_tls, SESSION_LONGEST_S)
+        return response
+
+    @app.post("/api/sign-in")
+    def sign_in(request: Request, body: SignInBody) -> Response:
+        address = request.client.host if request.client else ""
+        return start_session(request, accounts.sign_in(body.name, body.password, address))
+
+    @app.post("/api/sign-out")
+    def sign_out(request: Request, visitor: Visitor) -> Response:
+        accounts.sign_out(visitor.session_id)
+        response = json_response({"ok": True})
+        response.delete_cookie(cookie_name(request), path="/", httponly=True, samesite="strict")
+        return response
+
+    @app.get("/api/session")
+    def session(visitor: Visitor) -> Response:
+        return json_response({"name": visitor.user_name, "role": visitor.role, "site": services.model.site.name})
+
+    @app.post("/api/first/look")
+    def look_at_link(body: LinkBody) -> Response:
+        return json_response({"name": accounts.link_name(body.token)})
+
+    @app.post("/api/first")
+    def use_link(request: Request, body: FirstBody) -> Response:
+        user = accounts.use_link(body.token, body.name, body.password)
+        return start_session(request, accounts.start_session(user.id))
+
+
+def _add_user_routes(app: FastAPI, services: Services) -> None:
+    accounts = services.accounts
+
+    @app.get("/api/users")
+    def users() -> Response:
+        return json_response({"users": [_user_view(user) for user in accounts.users()]})
+
+    @app.post("/api/users")
+    def invite(request: Request, visitor: Visitor, body: InviteBody) -> Response:
+        user, token = accounts.invite(body.name, body.role, visitor.user_name)
+        return json_response({"user": _user_view(user), "link": link_to(request, token)}, 201)
+
+    @app.patch("/api/users/{user_id}")
+    def change(visitor: Visitor, user_id: int, body: UserChangeBody) -> Response:
+        user = accounts.change(user_id, visitor.user_name, body.role, body.disabled)
+        return json_response({"user": _user_view(user)})
+
+    @app.post("/api/users/{user_id}/link")
+    def new_link(request: Request, visitor: Visitor, user_id: int) -> Response:
+        return json_response({"link": link_to(request, accounts.new_password_link(user_id, visitor.user_name))}, 201)
+
+
+def _add_token_routes(app: FastAPI, services: Services) -> None:
+    devices = services.devices
+
+    @app.get("/api/tokens")
+    def tokens() -> Response:
+        return json_response({"tokens": devices.tokens()})
+
+    @app.post("/api/tokens")
+    def create_token(visitor: Visitor, body: TokenBody) -> Response:
+        token = devices.create_token(body.name, visitor.user_name)
+        services.hub.close_named(" ".join(body.name.split()))
+        return json_response({"name": body.name, "token": token}, 201)
+
+    @app.post("/api/tokens/revoke")
+    def revoke_token(visitor: Visitor, body: TokenBody) -> Response:
+        devices.revoke_token(body.name, visitor.user_name)
+        services.hub.close_named(body.name)
+        return json_response({"ok": True})
+
+    @app.get("/api/audit")
+    def audit() -> Response:
+        rows = services.store.latest_audit(AUDIT_SHOWN_COUNT)
+        return json_response(
+            {"audit": [{"at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail} for r in rows]}
+        )
+
+
+def _user_view(user: User) -> dict[str, Any]:
+    return {
+        "id": user.id,
+        "name": user.name,
+        "role": user.role,
+        "disabled": user.disabled,
+        "has_password": user.has_password,
+    }

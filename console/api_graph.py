@@ -1,0 +1,100 @@
+"""The API of the PoI-graph: the draft, its edits, undo and redo, publishing, and what the page asks of the scene."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import msgspec
+from fastapi import FastAPI, Request, Response
+from starlette.concurrency import run_in_threadpool
+
+from console.bodies import ViewBody
+from console.edits import Edit
+from console.errors import BadRequestError, NotFoundError
+from console.model import SiteModel
+from console.requests import Visitor, json_response
+from console.services import Services
+from console.view_requests import FlyToPoi, FollowDevice
+from navcore.planning.poi_graph import POI_KINDS, PoiGraph
+
+HISTORY_SHOWN_COUNT = 200
+_edit_decoder: msgspec.json.Decoder[Edit] = msgspec.json.Decoder(Edit)
+_EDIT_SCHEMA = {"requestBody": {"required": True, "content": {"application/json": {"schema": {"type": "object"}}}}}
+
+
+def add_routes(app: FastAPI, services: Services) -> None:
+    """Add the routes."""
+    model = services.model
+
+    @app.get("/api/graph")
+    def graph(visitor: Visitor) -> Response:
+        return json_response(graph_view(model, visitor.user_name))
+
+    @app.get("/api/history")
+    def history() -> Response:
+        newest = model.history()[: -HISTORY_SHOWN_COUNT - 1 : -1]
+        return json_response(
+            {"history": [{"version": e.version, "kind": e.kind, "author": e.author, "at_s": e.at_s} for e in newest]}
+        )
+
+    @app.post("/api/edits", openapi_extra=_EDIT_SCHEMA)
+    async def edit(request: Request, visitor: Visitor) -> Response:
+        wanted = _decode_edit(await request.body())
+        await run_in_threadpool(model.apply, wanted, visitor.user_name)
+        return json_response(graph_view(model, visitor.user_name))
+
+    @app.post("/api/undo")
+    def undo(visitor: Visitor) -> Response:
+        model.undo(visitor.user_name)
+        return json_response(graph_view(model, visitor.user_name))
+
+    @app.post("/api/redo")
+    def redo(visitor: Visitor) -> Response:
+        model.redo(visitor.user_name)
+        return json_response(graph_view(model, visitor.user_name))
+
+    @app.post("/api/publish")
+    def publish(visitor: Visitor) -> Response:
+        model.publish(visitor.user_name)
+        return json_response(graph_view(model, visitor.user_name))
+
+    @app.post("/api/view")
+    def view(visitor: Visitor, body: ViewBody) -> Response:
+        if (body.fly_to is None) == (body.follow is None):
+            raise BadRequestError("Ask the scene for one thing: a place to fly to, or a device to follow.")
+        if body.fly_to is not None:
+            if body.fly_to not in model.graph.pois:
+                raise NotFoundError("There is no such place: it may have been deleted meanwhile.")
+            return json_response({"scenes": services.views.ask(visitor.session_id, FlyToPoi(body.fly_to))})
+        device = services.hub.device(body.follow or "")
+        return json_response({"scenes": services.views.ask(visitor.session_id, FollowDevice(device.device_id))})
+
+
+def graph_view(model: SiteModel, who: str) -> dict[str, Any]:
+    """Return the draft as pages show it, without the geometry of edges."""
+    graph, published = model.graph, model.published
+    return {
+        "site": {"id": model.site.site_id, "name": model.site.name},
+        "version": graph.version,
+        "published_version": published.version,
+        "can_undo": model.can_undo(who),
+        "can_redo": model.can_redo(who),
+        "kinds": POI_KINDS,
+        "pois": list(graph.pois.values()),
+        "edges": _edges_view(graph),
+        "destinations": [
+            {"id": poi.id, "name": poi.name, "kind": poi.kind} for poi in published.pois.values() if poi.on_road
+        ],
+    }
+
+
+def _edges_view(graph: PoiGraph) -> list[dict[str, Any]]:
+    fields = ("id", "a", "b", "length_m", "one_way", "closed", "cost_multiplier")
+    return [{name: getattr(edge, name) for name in fields} for edge in graph.edges.values()]
+
+
+def _decode_edit(body: bytes) -> Edit:
+    try:
+        return _edit_decoder.decode(body)
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        raise BadRequestError(f"This edit cannot be made: {str(error)[:200]}.") from error

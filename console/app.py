@@ -1,0 +1,79 @@
+"""The console as an ASGI application: pages, API, the stream to the pages, and the link to the devices.
+
+What is added to it later (the 3D scene) stands behind the same guard, and needs a line in :mod:`console.rules`.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from fastapi.responses import JSONResponse, Response
+from starlette.exceptions import HTTPException
+
+from console import api_accounts, api_devices, api_graph, device_link, live_socket, pages
+from console.config import ConsoleConfig
+from console.errors import BadRequestError, ConsoleError, NotFoundError
+from console.hub import DeviceHub
+from console.model import SiteModel
+from console.security import Guard, error_response
+from console.services import Services, build_services
+from console.store import Store
+from navcore.errors import VbrError
+
+_log = logging.getLogger(__name__)
+MAX_BODY_BYTES = 256 << 10
+
+
+def create_app(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> FastAPI:
+    """Return the application; ``app.state.services`` holds the parts (:class:`console.services.Services`)."""
+    return app_of(build_services(config, store, model, hub))
+
+
+def app_of(services: Services) -> FastAPI:
+    """Return the application over parts that are put together already."""
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        yield
+        services.sockets.close_all()
+
+    app = FastAPI(
+        title="Virtual blind road: console",
+        openapi_url=None,
+        docs_url=None,
+        redoc_url=None,
+        redirect_slashes=False,
+        max_body_size=MAX_BODY_BYTES,
+        lifespan=lifespan,
+    )
+    app.state.services = services
+    app.add_middleware(Guard, services=services)
+    app.add_exception_handler(VbrError, _refused)
+    app.add_exception_handler(RequestValidationError, _unfit)
+    app.add_exception_handler(HTTPException, _http_error)
+    for module in (api_accounts, api_graph, api_devices, live_socket, device_link):
+        module.add_routes(app, services)
+    pages.add_routes(app)
+    return app
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    return error_response(error if isinstance(error, ConsoleError) else BadRequestError(str(error)))
+
+
+async def _unfit(request: Request, error: Exception) -> Response:
+    assert isinstance(error, RequestValidationError)
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"][1:]) or "The request"
+    return error_response(BadRequestError(f"{where} cannot be used: {first['msg']}."))
+
+
+async def _http_error(request: Request, error: Exception) -> Response:
+    assert isinstance(error, HTTPException)
+    if error.status_code == 404:
+        return error_response(NotFoundError("There is nothing at this address."))
+    return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)

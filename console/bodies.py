@@ -1,0 +1,86 @@
+"""What the API takes in: strict models; anything else is a 400 with one sentence."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
+
+from console.roles import Role
+
+Password = Annotated[str, Field(max_length=1000)]
+PersonName = Annotated[str, Field(min_length=1, max_length=200)]
+Token = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class _Body(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class SignInBody(_Body):
+    """Name and password."""
+
+    name: PersonName
+    password: Password
+
+
+class LinkBody(_Body):
+    """The token of a one-time link."""
+
+    token: Token
+
+
+class FirstBody(_Body):
+    """What somebody with a one-time link chooses; the name counts only where the link makes a new admin."""
+
+    token: Token
+    name: Annotated[str, Field(max_length=200)] = ""
+    password: Password
+
+
+class ViewBody(_Body):
+    """What the page asks of the scene inside it: a place to fly to, or a device to show."""
+
+    fly_to: Annotated[str, Field(max_length=64)] | None = None
+    follow: Annotated[str, Field(max_length=120)] | None = None
+
+
+class DestinationBody(_Body):
+    """Where to lead the walker."""
+
+    poi_id: Annotated[str, Field(min_length=1, max_length=64)]
+
+
+class SayBody(_Body):
+    """What the walker is told."""
+
+    text: Annotated[str, Field(min_length=1, max_length=300)]
+
+
+class SettingsBody(_Body):
+    """Settings to change, ``group.name`` → value, all of them or none."""
+
+    changes: Annotated[dict[str, StrictBool | StrictInt | StrictFloat | StrictStr], Field(min_length=1, max_length=200)]
+    why: Annotated[str, Field(max_length=300)] = ""
+    confirmed: bool = False
+    """Somebody has confirmed a change of what people's safety hangs on."""
+
+
+class InviteBody(_Body):
+    """A person to let in."""
+
+    name: PersonName
+    role: Role
+
+
+class UserChangeBody(_Body):
+    """Another role, or the account locked; None leaves it."""
+
+    role: Role | None = None
+    disabled: bool | None = None
+
+
+class TokenBody(_Body):
+    """The device that a token is for."""
+
+    name: PersonName

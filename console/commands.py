@@ -1,0 +1,145 @@
+"""``vbr console``: serve the console of a site; make device tokens; let an admin in who has no way in."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from console.config import ConsoleConfig
+from navcore.errors import InputError
+
+if TYPE_CHECKING:
+    from console.server import Ready
+    from console.store import Store
+
+DEFAULT_PORT = 8765
+
+
+def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add ``vbr console`` and what stands below it."""
+    parser = subparsers.add_parser(
+        "console", help="serve the map editor, monitor and settings of a site in the browser"
+    )
+    _add_places(parser, None)
+    parser.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    parser.add_argument("--port", type=_port, default=DEFAULT_PORT, help="port; 0 takes any free one")
+    parser.add_argument("--tls-cert", type=Path, metavar="FILE", help="certificate chain (PEM), for other machines")
+    parser.add_argument("--tls-key", type=Path, metavar="FILE", help="its private key (PEM)")
+    parser.add_argument("--insecure-listen", action="store_true", help="listen beyond this machine without TLS")
+    parser.add_argument(
+        "--public-host", action="append", default=[], metavar="NAME", help="host name of a proxy in front"
+    )
+    parser.add_argument(
+        "--device-token-file", type=Path, metavar="FILE", help="let in the device with this token; made where missing"
+    )
+    parser.add_argument(
+        "--ready-file", type=Path, metavar="FILE", help="write address and one-time link as JSON once it serves"
+    )
+    parser.set_defaults(run=run_console)
+    below = parser.add_subparsers(metavar="COMMAND", required=False)
+    _add_token_command(below)
+    link = below.add_parser("admin-link", help="print a one-time link that makes one more admin")
+    _add_places(link, argparse.SUPPRESS)
+    link.set_defaults(run=run_admin_link)
+
+
+def _add_token_command(below: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    token = below.add_parser("token", help="make the token that a device signs in with, or take it back")
+    token.add_argument("name", help="name of the device")
+    token.add_argument("--revoke", action="store_true", help="the device's token is void from now on")
+    _add_places(token, argparse.SUPPRESS)
+    token.set_defaults(run=run_token)
+
+
+def _add_places(parser: argparse.ArgumentParser, default: str | None) -> None:
+    parser.add_argument("--site", type=Path, metavar="DIR", default=default, help="the site's folder")
+    parser.add_argument(
+        "--data", type=Path, metavar="DIR", default=default, help="folder of the database (default: SITE.console)"
+    )
+
+
+def run_console(arguments: argparse.Namespace) -> None:
+    """Serve until Ctrl-C."""
+    from console.server import ConsoleServer
+
+    if arguments.site is None:
+        raise InputError("Which site? Name its folder with --site DIR; `vbr map build` makes one.")
+    server = ConsoleServer(config_of(arguments), device_token_file=arguments.device_token_file)
+
+    def say(ready: Ready) -> None:
+        sys.stdout.write(f"The console of {server.services.model.site.name} is at {ready.url}\n")
+        if ready.first_link is not None:
+            sys.stdout.write(f"Nobody has an account yet. Choose name and password here, once:\n  {ready.first_link}\n")
+        sys.stdout.write("Ctrl-C ends it.\n")
+        sys.stdout.flush()
+        if arguments.ready_file is not None:
+            ready.write(arguments.ready_file)
+
+    server.run(say)
+
+
+def run_token(arguments: argparse.Namespace) -> None:
+    """Print a new device token, or revoke one."""
+    from console.device_store import DeviceStore
+
+    store = _open_store(arguments)
+    devices = DeviceStore(store)
+    try:
+        if arguments.revoke:
+            devices.revoke_token(arguments.name, "command line")
+            sys.stdout.write(f"The token of {arguments.name} is void.\n")
+        else:
+            sys.stdout.write(devices.create_token(arguments.name, "command line") + "\n")
+    finally:
+        store.close()
+
+
+def run_admin_link(arguments: argparse.Namespace) -> None:
+    """Print the path of a one-time link."""
+    from console.accounts import Accounts
+
+    store = _open_store(arguments)
+    try:
+        token = Accounts(store, store.wall_s).new_admin_link_token()
+    finally:
+        store.close()
+    sys.stdout.write(f"Open this on the console, within 48 hours:\n  /first?token={token}\n")
+
+
+def config_of(arguments: argparse.Namespace) -> ConsoleConfig:
+    """Return the configuration that the command line asks for."""
+    return ConsoleConfig(
+        site_folder=arguments.site,
+        data_folder=_data_folder(arguments),
+        host=arguments.host,
+        port=arguments.port,
+        tls_certificate=arguments.tls_cert,
+        tls_key=arguments.tls_key,
+        insecure_listen=arguments.insecure_listen,
+        public_hosts=frozenset(name.lower() for name in arguments.public_host),
+    )
+
+
+def _open_store(arguments: argparse.Namespace) -> Store:
+    from console.store import Store
+
+    return Store.open(_data_folder(arguments))
+
+
+def _data_folder(arguments: argparse.Namespace) -> Path:
+    if arguments.data is not None:
+        return Path(arguments.data)
+    if arguments.site is None:
+        raise InputError("Which console? Name the site's folder with --site DIR, or the database's with --data DIR.")
+    from console.opening import default_data_folder
+
+    return default_data_folder(arguments.site)
+
+
+def _port(text: str) -> int:
+    port = int(text)
+    if not 0 <= port <= 65535:
+        raise argparse.ArgumentTypeError("a port is a number from 0 to 65535")
+    return port

@@ -1,0 +1,72 @@
+"""What the side panel shows of all devices at one instant, as plain data for JSON.
+
+Ages are those at the instant of sending; the page counts them on, so that a frozen picture never looks live.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+from console.live import LiveDevice
+from navcore.types import Reason
+
+EVENTS_SHOWN_COUNT = 30
+COMMANDS_SHOWN_COUNT = 6
+_STATE_FIELDS = (
+    "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
+    "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
+    "mode", "destination_id",
+)  # fmt: skip
+
+
+def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
+    """Return one device; ``now_s`` is the console's monotonic clock."""
+    return {
+        "id": device.device_id,
+        "name": device.name,
+        "software": device.hello.software_version,
+        "connected": device.connected,
+        "freshness": device.freshness(now_s).value,
+        "age_s": device.age_s(now_s),
+        "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
+        "state": _state_view(device, now_s),
+        "route": _route_view(device),
+        "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
+        "depth_age_s": device.age_of(device.depth_image.stamp_s, now_s) if device.depth_image else None,
+        "events": [
+            {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
+            for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
+        ],
+        "commands": device.commands[-COMMANDS_SHOWN_COUNT:],
+        "settings_revision": device.settings_revision,
+        "graph_version": device.graph_version,
+        "graph_refusal": device.graph_refusal,
+        "map_checksum": device.map_checksum,
+        "map_refusal": device.map_refusal,
+    }
+
+
+def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+    state = device.state
+    if state is None:
+        return None
+    view = {name: getattr(state, name) for name in _STATE_FIELDS}
+    cue_stamp_s = state.last_cue_stamp_s
+    view["reason"] = reason_sentence(state.reason)
+    view["last_cue_age_s"] = device.age_of(cue_stamp_s, now_s) if cue_stamp_s is not None else None
+    return view
+
+
+def _route_view(device: LiveDevice) -> dict[str, Any] | None:
+    route = device.route
+    if route is None:
+        return None
+    return {"stops": route.stops, "destination_id": route.destination_id, "refusal": route.refusal}
+
+
+def reason_sentence(reason: str) -> str:
+    """Return a reason of the wire in plain words; one that this program does not know as it came."""
+    try:
+        return Reason(reason).sentence
+    except ValueError:
+        return reason

@@ -1,0 +1,53 @@
+"""Opening what a console needs: the site, the database, the model over both."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from console.config import ConsoleConfig
+from console.device_store import DeviceStore
+from console.graph_store import StoredGraphLog
+from console.hub import DeviceHub
+from console.model import SiteModel
+from console.secrets_kept import new_token
+from console.services import Services, build_services
+from console.store import Store
+from navcore.errors import InputError
+from navcore.site import load_site, map_checksum
+
+
+def default_data_folder(site_folder: Path) -> Path:
+    """Return where the database of a site lies unless somebody says otherwise: beside the site's folder."""
+    resolved = site_folder.resolve()
+    return resolved.parent / f"{resolved.name}.console"
+
+
+def open_services(config: ConsoleConfig) -> Services:
+    """Open site and database. Raises SiteError or InputError with what is wrong."""
+    site = load_site(config.site_folder)
+    store = Store.open(config.data_folder)
+    # Places are coordinates of one map: a map that was built anew is another site, and starts from its own graph.
+    key = f"{site.site_id}@{map_checksum(config.site_folder)[:16]}"
+    model = SiteModel(site, StoredGraphLog(store, key, site.name), config.site_folder, store.wall_s)
+    return build_services(config, store, model, DeviceHub(wall_s=store.wall_s))
+
+
+def token_from_file(devices: DeviceStore, path: Path) -> str:
+    """Return the device token in a file, and let it in; a file that does not exist yet is written with a new one.
+
+    The device's name is the file's, without its ending. Raises InputError where it cannot be read or written.
+    """
+    try:
+        if not path.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+            with os.fdopen(handle, "w", encoding="ascii") as out:
+                out.write(new_token() + "\n")
+        token = path.read_text(encoding="ascii").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"The device token file {path} cannot be used ({error}): name another one.") from error
+    if len(token) < 20:
+        raise InputError(f"The device token file {path} holds no token: delete it, and a new one is made.")
+    devices.ensure_token(path.stem, token, "command line")
+    return token

@@ -1,0 +1,178 @@
+"""Running the console: one process, one port, one origin."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import socket
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import uvicorn
+from fastapi import FastAPI
+
+from console.app import app_of
+from console.config import ConsoleConfig
+from console.opening import open_services, token_from_file
+from console.security import visitor_of
+from console.services import Services
+from navcore.errors import InputError
+
+WS_MAX_BYTES = 64 << 20
+
+
+@dataclass(frozen=True, slots=True)
+class Ready:
+    """What a console that takes requests says of itself."""
+
+    url: str
+    first_link: str | None
+    """One-time link with which the first admin chooses a password; None where there is an admin already."""
+
+    def write(self, path: Path) -> None:
+        """Write it as JSON, in one step, for the owner's eyes only: the link is a key."""
+        fresh = path.with_name(f".{path.name}.{os.getpid()}")
+        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
+            json.dump({"url": self.url, "first_link": self.first_link, "pid": os.getpid()}, out)
+        os.replace(fresh, path)
+
+
+class ConsoleServer:
+    """A console on its socket, with site, database and (unless left out) the 3D scene.
+
+    :meth:`run` serves until :meth:`stop` or a signal; :meth:`start` does so in a thread, and returns when it is ready.
+    """
+
+    def __init__(
+        self, config: ConsoleConfig, *, device_token_file: Path | None = None, with_scene: bool = True
+    ) -> None:
+        check_listening(config)
+        self._socket = _bind(config)
+        try:
+            self.services: Services = open_services(config)
+            if device_token_file is not None:
+                token_from_file(self.services.devices, device_token_file)
+            self.app: FastAPI = app_of(self.services)
+            self._stop_scene = _install_scene(self.app, self.services) if with_scene else _nothing
+        except BaseException:
+            self._socket.close()
+            raise
+        self.ready = self._ready(config)
+        self._uvicorn = _Uvicorn(self.app, config)
+        self._thread: threading.Thread | None = None
+
+    def run(self, on_ready: Callable[[Ready], None] = lambda _: None) -> None:
+        """Serve until stopped; ``on_ready`` is called once requests are taken. Must be the main thread for signals."""
+        self._uvicorn.on_started = lambda: on_ready(self.ready)
+        try:
+            self._uvicorn.run(sockets=[self._socket])
+        finally:
+            self._stop_scene()
+            self._socket.close()
+            self.services.store.close()
+
+    def start(self) -> Ready:
+        """Serve in a thread of its own; return when requests are taken. Raises InputError where that fails."""
+        started = threading.Event()
+
+        def serve() -> None:
+            try:
+                self.run(lambda _: started.set())
+            finally:
+                started.set()
+
+        self._thread = threading.Thread(target=serve, name="console", daemon=True)
+        self._thread.start()
+        started.wait()
+        if not self._uvicorn.started:
+            raise InputError("The console could not start: see the log above.")
+        return self.ready
+
+    def stop(self) -> None:
+        """Stop serving; returns when everything is closed where :meth:`start` was used."""
+        self._uvicorn.should_exit = True
+        if self._thread is not None:
+            self._thread.join()
+
+    def _ready(self, config: ConsoleConfig) -> Ready:
+        scheme = "https" if config.uses_tls else "http"
+        host = f"[{config.host}]" if ":" in config.host else config.host
+        url = f"{scheme}://{host}:{self._socket.getsockname()[1]}"
+        token = self.services.accounts.first_admin_link_token()
+        return Ready(url, f"{url}/first?token={token}" if token else None)
+
+
+def check_listening(config: ConsoleConfig) -> None:
+    """Raise InputError where passwords would go over the network in the clear, or TLS is set up by halves."""
+    if (config.tls_certificate is None) != (config.tls_key is None):
+        raise InputError("TLS needs both files: give --tls-cert and --tls-key.")
+    for path in (config.tls_certificate, config.tls_key):
+        if path is not None and not path.is_file():
+            raise InputError(f"There is no TLS file {path}: name an existing one.")
+    if not (config.is_loopback or config.uses_tls or config.insecure_listen):
+        raise InputError(
+            f"Listening on {config.host} without TLS would send passwords in the clear: give --tls-cert and --tls-key,"
+            " or say --insecure-listen if the network is yours alone."
+        )
+
+
+def _bind(config: ConsoleConfig) -> socket.socket:
+    family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
+    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((config.host, config.port))
+    except (OSError, OverflowError) as error:
+        listening.close()
+        if getattr(error, "errno", None) == errno.EADDRINUSE:
+            raise InputError(
+                f"Port {config.port} of {config.host} is taken: stop what uses it, or choose another with --port (0"
+                " takes any free one)."
+            ) from error
+        raise InputError(
+            f"The console cannot listen on {config.host} port {config.port} ({error}): choose others with --host and"
+            " --port."
+        ) from error
+    return listening
+
+
+def _install_scene(app: FastAPI, services: Services) -> Callable[[], None]:
+    # Here, since it brings viser, which the commands that need no scene should not wait for.
+    from console.viewer.scene import install
+
+    return install(app, services, visitor_of).stop
+
+
+def _nothing() -> None:
+    """There is no scene to stop."""
+
+
+class _Uvicorn(uvicorn.Server):
+    def __init__(self, app: FastAPI, config: ConsoleConfig) -> None:
+        super().__init__(
+            uvicorn.Config(
+                app,
+                log_level="warning",
+                access_log=False,
+                proxy_headers=False,
+                server_header=False,
+                ws_per_message_deflate=False,
+                ws_max_size=WS_MAX_BYTES,
+                # A large map on a slow link holds the ping back: it must not be taken for a dead link.
+                ws_ping_interval=20.0,
+                ws_ping_timeout=120.0,
+                timeout_graceful_shutdown=3,
+                ssl_certfile=config.tls_certificate,
+                ssl_keyfile=config.tls_key,
+            )
+        )
+        self.on_started: Callable[[], None] = _nothing
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to take requests, and say so."""
+        await super().startup(sockets)
+        if self.started:
+            self.on_started()

@@ -53,6 +53,8 @@ class PlanningSettings(_Group):
 
     route_spacing_m: float = _setting(0.1, 0.05, 0.5, step=0.05, source="navigation.md")
     """Distance between the points of a route."""
+    max_start_distance_m: float = _setting(5.0, 1.0, 50.0, step=0.5, source="navigation.md")
+    """A walker farther from the road than this is told to come nearer instead of being led across the unknown."""
     replan_deviation_m: float = _setting(2.0, 0.5, 10.0, step=0.1, source="navigation.md")
     """Distance from the route beyond which a new one is planned, after the hold time."""
     replan_hold_s: float = _setting(3.0, 0.5, 30.0, step=0.5, source="navigation.md")

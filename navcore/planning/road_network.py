@@ -20,7 +20,7 @@ from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
-from navcore.planning.road_joining import SPACING_M, evenly_spaced, joined_centre_lines
+from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
 IndexArray = NDArray[np.int64]
 
@@ -149,7 +149,7 @@ class RoadNetwork:
             return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
         starts, ends = self._ends(a), self._ends(b)
         distances, previous = dijkstra(
-            self._matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True
+            self.matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True
         )
         length_m, row, last = min(
             (start_m + float(distances[i, vertex]) + end_m, i, vertex)
@@ -159,19 +159,27 @@ class RoadNetwork:
         if not math.isfinite(length_m):
             raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
         inner = _walk_back(previous[row], last)
-        path = _without_repeats(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
-        return RoadPiece(path, float(np.hypot(*np.diff(path, axis=0).T).sum()))
+        return piece_of_path(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
 
-    def distances_from(self, a: RoadPoint) -> FloatArray:
-        """Return the distance along the road (n,) from a place to every vertex; inf where no road leads."""
-        starts = self._ends(a)
-        distances = dijkstra(self._matrix, directed=False, indices=[vertex for vertex, _ in starts])
-        result: FloatArray = (distances + np.array([[offset] for _, offset in starts])).min(axis=0)
-        return result
+    def closest_vertex(self, point: RoadPoint) -> int:
+        """Return the index of the end of the point's segment that is nearer to it."""
+        return int(self.segments[point.segment, 1 if point.fraction > 0.5 else 0])
+
+    def vertex_point(self, vertex: int) -> RoadPoint:
+        """Return a vertex as a place on the road."""
+        segment = int(self._segments_at[vertex][0])
+        x, y = self.vertices_m[vertex].tolist()
+        return RoadPoint(x, y, segment, 0.0 if self.segments[segment, 0] == vertex else 1.0, 0.0)
+
+    def vertex_neighbours(self, vertex: int) -> list[tuple[int, float]]:
+        """Return the vertices one segment away, each with its distance."""
+        around = self._segments_at[vertex]
+        ends = self.segments[around].sum(axis=1) - vertex
+        return list(zip(ends.tolist(), self._segment_lengths_m[around].tolist(), strict=True))
 
     def component_count(self) -> int:
         """Return the number of roads that do not join each other."""
-        return 0 if self.is_empty else int(connected_components(self._matrix, directed=False)[0])
+        return 0 if self.is_empty else int(connected_components(self.matrix, directed=False)[0])
 
     def _ends(self, point: RoadPoint) -> tuple[tuple[int, float], tuple[int, float]]:
         first, second = self.segments[point.segment]
@@ -201,7 +209,8 @@ class RoadNetwork:
         return [np.array(indices, dtype=np.int64) for indices in at]
 
     @cached_property
-    def _matrix(self) -> csr_array:
+    def matrix(self) -> csr_array:
+        """Lengths of the segments between vertices (n, n), one triangle, for scipy's graph routines."""
         size = len(self.vertices_m)
         rows, cols = self.segments[:, 0], self.segments[:, 1]
         return csr_array(coo_array((self._segment_lengths_m, (rows, cols)), shape=(size, size)))
@@ -225,12 +234,9 @@ def _walk_back(previous: NDArray[np.int32], last: int) -> list[int]:
     return path[::-1]
 
 
-def _without_repeats(path: FloatArray) -> FloatArray:
-    keep = np.ones(len(path), dtype=bool)
-    keep[1:] = np.hypot(*np.diff(path, axis=0).T) > 1e-9
-    if keep.sum() < 2:
-        return path[[0, -1]]
-    return np.asarray(path[keep])
-
-
-__all__ = ["RoadNetwork", "RoadPiece", "RoadPoint", "evenly_spaced"]
+def piece_of_path(path_m: FloatArray) -> RoadPiece:
+    """Return points (n, 2) as a piece of road, without those that repeat the one before."""
+    keep = np.ones(len(path_m), dtype=bool)
+    keep[1:] = np.hypot(*np.diff(path_m, axis=0).T) > 1e-7
+    path = path_m[keep] if keep.sum() > 1 else path_m[[0, -1]]
+    return RoadPiece(path, float(np.hypot(*np.diff(path, axis=0).T).sum()))

@@ -1,0 +1,285 @@
+"""Edits of the PoI-graph: each takes a graph and gives a new one, one version on, or raises and changes nothing.
+
+Whatever the sequence of edits, the graph stays valid (:func:`validate`): edges join PoIs that exist, follow the road,
+and carry its real length.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import unicodedata
+from collections.abc import Mapping
+from typing import get_args
+
+import msgspec
+import numpy as np
+
+from navcore.errors import InputError, PlanningError
+from navcore.geometry import FloatArray
+from navcore.planning.neighbours import neighbour_pieces
+from navcore.planning.poi_graph import POI_KINDS, Edge, Poi, PoiGraph, PoiKind
+from navcore.planning.road_network import RoadNetwork, RoadPiece
+
+MAX_SNAP_DISTANCE_M = 2.0
+"""A PoI that is put farther from the road than this is refused: it would jump to where nobody meant it."""
+_SAME_PLACE_M = 0.05
+_LENGTH_TOLERANCE_M = 1e-6
+
+
+# ---------------------------------------------------------------------------------------------------------- PoIs
+def add_poi(
+    graph: PoiGraph,
+    network: RoadNetwork,
+    *,
+    name: str,
+    kind: PoiKind,
+    x_m: float,
+    y_m: float,
+    on_road: bool = True,
+    spoken_name: str = "",
+    notes: str = "",
+    poi_id: str | None = None,
+) -> PoiGraph:
+    """Tag a place; it snaps to the road unless it is free-standing (``on_road=False``).
+
+    Without ``poi_id`` an unused one is made of the name; the new PoI is the last one of ``graph.pois``.
+
+    Raises InputError where the id is taken, the name or kind is unfit, or the road is too far.
+    """
+    poi_id = free_poi_id(graph, name) if poi_id is None else poi_id
+    if poi_id in graph.pois:
+        raise InputError(f"There is a place with the identifier {poi_id!r} already: choose another one.")
+    x_m, y_m = _placed(network, x_m, y_m, on_road)
+    poi = _checked_poi(Poi(poi_id, name, kind, x_m, y_m, on_road, spoken_name, notes))
+    return _next(graph, pois={**graph.pois, poi_id: poi})
+
+
+def move_poi(
+    graph: PoiGraph, network: RoadNetwork, poi_id: str, x_m: float, y_m: float, on_road: bool = True
+) -> PoiGraph:
+    """Move a place; it slides along the road, and its edges are made again along the road.
+
+    Raises InputError where it is unknown, too far from the road, or an edge of it could not follow.
+    """
+    poi = _poi(graph, poi_id)
+    x_m, y_m = _placed(network, x_m, y_m, on_road)
+    ends = [edge for edge in graph.edges.values() if poi_id in (edge.a, edge.b)]
+    if ends and not on_road:
+        raise InputError(f"{poi.name} has edges along the road and must stay on it: delete its edges first.")
+    moved = msgspec.structs.replace(poi, x_m=x_m, y_m=y_m, on_road=on_road)
+    pois = {**graph.pois, poi_id: moved}
+    followed = {edge.id: _along_road(network, pois, edge) for edge in ends}
+    return _next(graph, pois=pois, edges={**graph.edges, **followed})
+
+
+def update_poi(
+    graph: PoiGraph,
+    poi_id: str,
+    *,
+    name: str | None = None,
+    kind: PoiKind | None = None,
+    spoken_name: str | None = None,
+    notes: str | None = None,
+) -> PoiGraph:
+    """Change what a place is called; None leaves a value as it is. Raises InputError."""
+    poi = _poi(graph, poi_id)
+    given = {"name": name, "kind": kind, "spoken_name": spoken_name, "notes": notes}
+    changes = {key: value for key, value in given.items() if value is not None}
+    return _next(graph, pois={**graph.pois, poi_id: _checked_poi(msgspec.structs.replace(poi, **changes))})
+
+
+def rename_poi(graph: PoiGraph, poi_id: str, name: str) -> PoiGraph:
+    """Give a place another name. Raises InputError."""
+    return update_poi(graph, poi_id, name=name)
+
+
+def delete_poi(graph: PoiGraph, poi_id: str) -> PoiGraph:
+    """Remove a place and the edges that end there. Raises InputError where it is unknown."""
+    _poi(graph, poi_id)
+    pois = {key: poi for key, poi in graph.pois.items() if key != poi_id}
+    edges = {key: edge for key, edge in graph.edges.items() if poi_id not in (edge.a, edge.b)}
+    return _next(graph, pois=pois, edges=edges)
+
+
+# --------------------------------------------------------------------------------------------------------- edges
+def add_edge(graph: PoiGraph, network: RoadNetwork, a: str, b: str, *, edge_id: str | None = None) -> PoiGraph:
+    """Join two places by the piece of road between them; its length is the real one.
+
+    Raises InputError for the same place twice, a free-standing place, an edge that exists, or where no road leads.
+    """
+    first, second = _poi(graph, a), _poi(graph, b)
+    if a == b:
+        raise InputError(f"An edge needs two different places, not {first.name} twice.")
+    if edge_between(graph, a, b) is not None:
+        raise InputError(f"{first.name} and {second.name} are joined already: change that edge instead.")
+    edge_id = _free_edge_id(graph.edges) if edge_id is None else edge_id
+    if edge_id in graph.edges:
+        raise InputError(f"There is an edge with the identifier {edge_id!r} already: choose another one.")
+    edge = _along_road(network, graph.pois, Edge(edge_id, a, b, (), 0.0))
+    return _next(graph, edges={**graph.edges, edge_id: edge})
+
+
+def delete_edge(graph: PoiGraph, edge_id: str) -> PoiGraph:
+    """Remove an edge. Raises InputError where it is unknown."""
+    _edge(graph, edge_id)
+    return _next(graph, edges={key: edge for key, edge in graph.edges.items() if key != edge_id})
+
+
+def set_edge(
+    graph: PoiGraph,
+    edge_id: str,
+    *,
+    one_way: bool | None = None,
+    closed: bool | None = None,
+    cost_multiplier: float | None = None,
+) -> PoiGraph:
+    """Change how an edge may be walked; None leaves a value as it is. Raises InputError."""
+    edge = _edge(graph, edge_id)
+    if cost_multiplier is not None and not 1.0 <= cost_multiplier <= 100.0:
+        raise InputError(f"The cost of an edge cannot be {cost_multiplier:g}: give a number from 1 to 100.")
+    given = {"one_way": one_way, "closed": closed, "cost_multiplier": cost_multiplier}
+    changes = {key: value for key, value in given.items() if value is not None}
+    return _next(graph, edges={**graph.edges, edge_id: msgspec.structs.replace(edge, **changes)})
+
+
+def propose_edges(graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
+    """Join all places that are neighbours along the road: no third place lies on the road between them.
+
+    Edges that exist are kept as they are. Raises InputError where nothing is left to join.
+    """
+    points = {key: network.nearest(poi.x_m, poi.y_m) for key, poi in graph.pois.items() if poi.on_road}
+    joined = {frozenset((edge.a, edge.b)) for edge in graph.edges.values()}
+    edges = dict(graph.edges)
+    for (a, b), piece in neighbour_pieces(network, points).items():
+        if frozenset((a, b)) not in joined and math.dist(points[a].xy_m, points[b].xy_m) >= _SAME_PLACE_M:
+            edge_id = _free_edge_id(edges)
+            edges[edge_id] = _edge_of_piece(Edge(edge_id, a, b, (), 0.0), graph.pois, piece)
+    if len(edges) == len(graph.edges):
+        raise InputError("All places that are neighbours along the road are joined already.")
+    return _next(graph, edges=edges)
+
+
+def edge_between(graph: PoiGraph, a: str, b: str) -> Edge | None:
+    """Return the edge that joins two places, in whichever direction, or None."""
+    return next((edge for edge in graph.edges.values() if {edge.a, edge.b} == {a, b}), None)
+
+
+# ---------------------------------------------------------------------------------------------------------- laws
+def validate(graph: PoiGraph) -> None:
+    """Raise InputError, naming the first fault, where the graph breaks a law; every edit keeps all of them."""
+    for key, poi in graph.pois.items():
+        if key != poi.id:
+            raise InputError(f"The place {poi.id!r} is filed under {key!r}: import the graph again.")
+        _checked_poi(poi)
+    pairs: set[frozenset[str]] = set()
+    for key, edge in graph.edges.items():
+        if key != edge.id:
+            raise InputError(f"The edge {edge.id!r} is filed under {key!r}: import the graph again.")
+        if edge.a == edge.b or edge.a not in graph.pois or edge.b not in graph.pois:
+            raise InputError(f"The edge {edge.id} does not join two places of the graph: delete it.")
+        if frozenset((edge.a, edge.b)) in pairs:
+            raise InputError(f"The edge {edge.id} joins places that another edge joins already: delete one.")
+        pairs.add(frozenset((edge.a, edge.b)))
+        _check_edge(graph, edge)
+
+
+def _check_edge(graph: PoiGraph, edge: Edge) -> None:
+    if len(edge.path_m) < 2 or abs(_length_m(np.array(edge.path_m)) - edge.length_m) > _LENGTH_TOLERANCE_M:
+        raise InputError(f"The length of edge {edge.id} is not that of its piece of road: draw it again.")
+    for poi_id, end in ((edge.a, edge.path_m[0]), (edge.b, edge.path_m[-1])):
+        poi = graph.pois[poi_id]
+        if not poi.on_road or math.dist((poi.x_m, poi.y_m), end) > _LENGTH_TOLERANCE_M:
+            raise InputError(f"The edge {edge.id} does not end at {poi.name}: draw it again.")
+    if not 1.0 <= edge.cost_multiplier <= 100.0:
+        raise InputError(f"The cost of edge {edge.id} must be between 1 and 100: change it.")
+
+
+# ------------------------------------------------------------------------------------------------------- parts
+def free_poi_id(graph: PoiGraph, name: str) -> str:
+    """Return an identifier that reads like the name and is not taken."""
+    ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
+    stem = re.sub(r"[^a-z0-9]+", "-", ascii_name.lower()).strip("-")[:48] or "place"
+    if stem not in graph.pois:
+        return stem
+    return next(f"{stem}-{n}" for n in itertools.count(2) if f"{stem}-{n}" not in graph.pois)
+
+
+def _free_edge_id(edges: Mapping[str, Edge]) -> str:
+    numbers = [int(key[1:]) for key in edges if re.fullmatch(r"e[0-9]{1,9}", key)]
+    return f"e{max(numbers, default=0) + 1}"
+
+
+def _next(graph: PoiGraph, pois: dict[str, Poi] | None = None, edges: dict[str, Edge] | None = None) -> PoiGraph:
+    return PoiGraph(graph.version + 1, graph.pois if pois is None else pois, graph.edges if edges is None else edges)
+
+
+def _poi(graph: PoiGraph, poi_id: str) -> Poi:
+    if poi_id not in graph.pois:
+        raise InputError(f"There is no place {poi_id!r} in the graph: it may have been deleted meanwhile.")
+    return graph.pois[poi_id]
+
+
+def _edge(graph: PoiGraph, edge_id: str) -> Edge:
+    if edge_id not in graph.edges:
+        raise InputError(f"There is no edge {edge_id!r} in the graph: it may have been deleted meanwhile.")
+    return graph.edges[edge_id]
+
+
+def _placed(network: RoadNetwork, x_m: float, y_m: float, on_road: bool) -> tuple[float, float]:
+    if not (math.isfinite(x_m) and math.isfinite(y_m)) or max(abs(x_m), abs(y_m)) > 100_000.0:
+        raise InputError("A place needs two coordinates in metres, within 100 km of the origin.")
+    if not on_road:
+        return x_m, y_m
+    if network.is_empty:
+        raise InputError("There is no virtual blind road to put a place on: build the map from a walk first.")
+    point = network.nearest(x_m, y_m)
+    if point.distance_m > MAX_SNAP_DISTANCE_M:
+        raise InputError(
+            f"That is {point.distance_m:.1f} m from the road, but a place must be within {MAX_SNAP_DISTANCE_M:g} m of"
+            " it: choose a place on the road."
+        )
+    return point.xy_m
+
+
+def _checked_poi(poi: Poi) -> Poi:
+    if poi.kind not in get_args(PoiKind):
+        raise InputError(f"There is no kind of place {poi.kind!r}: choose one of {', '.join(POI_KINDS)}.")
+    if not poi.name.strip():
+        raise InputError("A place needs a name.")
+    try:
+        return msgspec.convert(msgspec.to_builtins(poi), Poi)
+    except msgspec.ValidationError as error:
+        raise InputError(f"The place {poi.name[:80]!r} is not usable ({error}): correct it.") from error
+
+
+def _along_road(network: RoadNetwork, pois: Mapping[str, Poi], edge: Edge) -> Edge:
+    first, second = pois[edge.a], pois[edge.b]
+    for poi in (first, second):
+        if not poi.on_road:
+            raise InputError(f"{poi.name} does not stand on the road: move it onto the road first.")
+    if network.is_empty:
+        raise InputError("There is no virtual blind road for an edge: build the map from a walk first.")
+    start, end = network.nearest(first.x_m, first.y_m), network.nearest(second.x_m, second.y_m)
+    if math.dist(start.xy_m, end.xy_m) < _SAME_PLACE_M:
+        raise InputError(f"{first.name} and {second.name} stand on the same spot: move one of them along the road.")
+    try:
+        piece = network.shortest_piece(start, end)
+    except PlanningError as error:
+        raise InputError(
+            f"No road leads from {first.name} to {second.name}: record the walk between them, or choose others."
+        ) from error
+    return _edge_of_piece(edge, pois, piece)
+
+
+def _edge_of_piece(edge: Edge, pois: Mapping[str, Poi], piece: RoadPiece) -> Edge:
+    path = piece.path_m.copy()
+    path[0] = pois[edge.a].x_m, pois[edge.a].y_m
+    path[-1] = pois[edge.b].x_m, pois[edge.b].y_m
+    points = tuple((float(x), float(y)) for x, y in path)
+    return msgspec.structs.replace(edge, path_m=points, length_m=_length_m(path))
+
+
+def _length_m(path_m: FloatArray) -> float:
+    return float(np.hypot(*np.diff(path_m, axis=0).T).sum())

@@ -41,7 +41,7 @@ def _squared_error(camera: FloatArray, pose: FloatArray, x: FloatArray, uvr: Flo
     if not math.isnan(uvr[2]):
         e2 = u - camera[4] / pz - uvr[2]
         total += e2 * e2
-    return total * w
+    return float(total * w)
 
 
 @kernel

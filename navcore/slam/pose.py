@@ -225,7 +225,7 @@ def _chi2(
     if not math.isnan(o[2]):
         e2 = u - bf / pz - o[2]
         total += e2 * e2
-    return total * w
+    return float(total * w)
 
 
 @kernel

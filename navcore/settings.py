@@ -44,6 +44,8 @@ class LocalizationSettings(_Group):
     """Features extracted from a frame."""
     min_inliers_count: int = _setting(20, 10, 100, step=1, source="slam.md")
     """Landmarks that must agree before a pose counts as found."""
+    uncertain_hold_s: float = _setting(3.0, 0.0, 30.0, step=0.5, source="unknown is never clear", safety=True)
+    """How long guidance goes on while the pose is only "Uncertain"."""
     uncertain_position_m: float = _setting(0.25, 0.05, 1.0, step=0.05, source="slam.md")
     """Standard deviation of the position above which a pose is only "Uncertain"."""
 
@@ -103,6 +105,10 @@ class FollowerSettings(_Group):
     """A walker farther from the route than this is led back to it."""
     heading_error_deg: float = _setting(30.0, 5.0, 90.0, step=1.0, source="Eq. 4: π/6")
     """A heading that differs more than this from the expected direction is corrected."""
+    turn_angle_deg: float = _setting(40.0, 20.0, 90.0, step=1.0, source="half the depth camera's field")
+    """An expected direction farther to the side than this is turned to on the spot, without a step."""
+    turn_settled_deg: float = _setting(12.0, 3.0, 30.0, step=1.0, source="navigation.md")
+    """A turn on the spot ends when the expected direction is nearer to straight ahead than this."""
     closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="navigation.md, Eq. 1")
     """How far along the route, from the last one, the closest point is looked for."""
 

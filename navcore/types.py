@@ -248,6 +248,8 @@ class SubGoal:
     case: SubGoalCase
     route_index: int
     """Index of the point in the route."""
+    passed_index: int = 0
+    """Turning points of the route up to this index have been reached and are not taken up again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,6 +276,12 @@ class DecisionTrace:
     sonar_state: SonarState = SonarState.ABSENT
     sonar_m: float | None = None
     """d_ultra."""
+    required_m: float | None = None
+    """Clearance that a direction needed: δ, or the sub-goal and a margin where that is nearer."""
+    free_frame_count: int = 0
+    """Frames in a row, since a stop, in which the way was free."""
+    uncertain_since_s: float | None = None
+    """Since when the pose has been only "Uncertain"; None while it is better or worse."""
     rule: str = ""
     """The rule that decided, in a few words."""
 

@@ -1,0 +1,94 @@
+"""Where on the route the walker is, and which point of it comes next (paper IV-C, steps 1 and 2, Eqs. 1 and 2)."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navcore.geometry import FloatArray
+from navcore.settings import FollowerSettings
+from navcore.types import Pose2D, Route, SubGoal, SubGoalCase
+
+_STEP_BACK_M = 1.0
+"""The closest point may also lie this far behind the last one: people step back."""
+_BEND_SPAN_M = 0.3
+"""Eq. 2 compares the chord with the step from one point to the next; over 0.1 m that step would be noise."""
+
+
+def closest_point(route: Route, pose: Pose2D, previous_index: int | None, window_m: float) -> tuple[int, float]:
+    """Return the index of P_cls and the distance to it (Eq. 1).
+
+    As printed, Eq. 1 searches all of W; where a route comes back beside itself, the closest point would jump to the
+    other leg. Here it is searched from the last one forward within a window, and everywhere only where there is no
+    last one: at the start, after a new plan, after the pose was lost.
+    """
+    first, last = 0, len(route.points_m)
+    if previous_index is not None and 0 <= previous_index < last:
+        at_m = float(route.arc_length_m[previous_index])
+        first = int(np.searchsorted(route.arc_length_m, at_m - _STEP_BACK_M))
+        last = int(np.searchsorted(route.arc_length_m, at_m + window_m, side="right"))
+    offsets = route.points_m[first:last] - (pose.x_m, pose.y_m)
+    distances_m = np.hypot(offsets[:, 0], offsets[:, 1])
+    nearest = int(np.argmin(distances_m))
+    return first + nearest, float(distances_m[nearest])
+
+
+def select_sub_goal(
+    route: Route, closest_index: int, pose: Pose2D, previous: SubGoal | None, settings: FollowerSettings
+) -> SubGoal:
+    """Return P_G (Eq. 2, Fig. 5).
+
+    Case 2 holds its turning point until it is reached: nearer than ``turning_reached_m``, or the closest point has
+    come to it, which is when the walker crosses the plane that halves the corner. Otherwise, from the closest point
+    on, the first point that is a turning point (case 2) or at least d away (case 1), else the destination (case 3).
+    """
+    passed_index = 0 if previous is None else previous.passed_index
+    if previous is not None and previous.case is SubGoalCase.TURNING_POINT:
+        if not is_reached(previous, closest_index, pose, settings):
+            return previous
+        passed_index = previous.route_index
+    while True:
+        goal = _next_sub_goal(route, max(closest_index, passed_index), passed_index, settings)
+        if goal.case is not SubGoalCase.TURNING_POINT or not is_reached(goal, closest_index, pose, settings):
+            return goal
+        passed_index = goal.route_index
+
+
+def is_reached(goal: SubGoal, closest_index: int, pose: Pose2D, settings: FollowerSettings) -> bool:
+    """Return whether the walker has come to a turning point, or gone round it."""
+    return closest_index >= goal.route_index or distance_to(goal, pose) <= settings.turning_reached_m
+
+
+def has_arrived(goal: SubGoal, pose: Pose2D, settings: FollowerSettings) -> bool:
+    """Return whether the destination is reached (case 3)."""
+    return goal.case is SubGoalCase.DESTINATION and distance_to(goal, pose) <= settings.arrival_distance_m
+
+
+def distance_to(goal: SubGoal, pose: Pose2D) -> float:
+    """Return the straight distance from the walker to the sub-goal, metres."""
+    return math.hypot(goal.x_m - pose.x_m, goal.y_m - pose.y_m)
+
+
+def bend_rad(chord: FloatArray, step: FloatArray) -> float:
+    """Return the angle between P_cls P_G and P_G P_G+1, in [0, π]; 0 where one of them has no length."""
+    cross = float(chord[0] * step[1] - chord[1] * step[0])
+    return abs(math.atan2(cross, float(chord @ step))) if np.any(chord) and np.any(step) else 0.0
+
+
+def _next_sub_goal(route: Route, from_index: int, passed_index: int, settings: FollowerSettings) -> SubGoal:
+    points, arcs = route.points_m, route.arc_length_m
+    last = len(points) - 1
+    threshold_rad = math.radians(settings.turning_angle_deg)
+    for s in range(from_index + 1, last):
+        chord = points[s] - points[from_index]
+        if math.hypot(chord[0], chord[1]) >= settings.sub_goal_distance_m:
+            return _goal(points, s, SubGoalCase.STRAIGHT, passed_index)
+        onward = min(int(np.searchsorted(arcs, arcs[s] + _BEND_SPAN_M)), last)
+        if bend_rad(chord, points[onward] - points[s]) >= threshold_rad:
+            return _goal(points, s, SubGoalCase.TURNING_POINT, passed_index)
+    return _goal(points, last, SubGoalCase.DESTINATION, passed_index)
+
+
+def _goal(points: FloatArray, index: int, case: SubGoalCase, passed_index: int) -> SubGoal:
+    return SubGoal(float(points[index, 0]), float(points[index, 1]), case, index, passed_index)

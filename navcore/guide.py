@@ -1,0 +1,247 @@
+"""One cycle of guidance: the paper's Fig. 7, from a pose, a route and a scan to a direction (section IV-C).
+
+A pure function of frozen values; its only memory is the guidance of the frame before. ::
+
+    paused? no route? pose lost?         -> stop
+    Eqs. 1, 2   closest point, sub-goal  -> arrived? stop
+    Eq. 3       expected direction       -> far to the side? turn on the spot
+    depth invalid? near drop, obstacle?  -> stop (or turn aside, which needs no free space)
+    Eq. 4       optimal direction of D   -> none? turn to look there, else stop
+    Eq. 5       ultrasonic gate          -> closed? stop
+    three free frames after a stop       -> walk
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+from navcore.angles import RelativeAngle, WorldAngle, relative_to
+from navcore.follower.direction import (
+    expected_direction,
+    needs_correction,
+    optimal_direction,
+    required_clearance_m,
+    walkable,
+)
+from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
+from navcore.follower.sub_goal import closest_point, distance_to, has_arrived, select_sub_goal
+from navcore.settings import Settings
+from navcore.types import (
+    Action,
+    BearingState,
+    DecisionTrace,
+    Guidance,
+    Localization,
+    LocalizationQuality,
+    ObstacleScan,
+    Pose2D,
+    Reason,
+    Route,
+    SonarReading,
+    SubGoal,
+)
+
+_OBSTACLE_REASONS = frozenset(
+    {Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE, Reason.DEPTH_INVALID}
+)
+"""Stops that the walker leaves only after several free frames."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Cycle:
+    """What every step of one cycle may look at."""
+
+    stamp_s: float
+    scan: ObstacleScan
+    sonar: SonarReading
+    previous: Guidance | None
+    settings: Settings
+    route_version: int
+
+    def stop(self, reason: Reason, trace: DecisionTrace, rule: str) -> Guidance:
+        return self._result(Action.STOP, None, reason, trace, rule)
+
+    def turn(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+        reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
+        return self._result(Action.TURN, direction, reason, trace, rule)
+
+    def walk(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+        reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
+        return self._result(Action.WALK, direction, reason, trace, rule)
+
+    def _result(
+        self, action: Action, direction: RelativeAngle | None, reason: Reason, trace: DecisionTrace, rule: str
+    ) -> Guidance:
+        return Guidance(self.stamp_s, action, direction, reason, replace(trace, rule=rule), self.route_version)
+
+
+def guide(
+    stamp_s: float,
+    localization: Localization,
+    route: Route | None,
+    scan: ObstacleScan,
+    sonar: SonarReading | None,
+    previous: Guidance | None,
+    settings: Settings,
+    *,
+    paused: bool = False,
+    route_version: int = 0,
+) -> Guidance:
+    """Return what the walker is to do now, and everything that led to it.
+
+    Args:
+        stamp_s: capture time of the frame that ``localization`` and ``scan`` come from, seconds.
+        localization: the pose; a LOST one stops, an UNCERTAIN one carries on for a short time only.
+        route: the paper's W; None where no destination is set or no way leads there.
+        scan: the depth image, reduced to bearings and candidate directions D.
+        sonar: the latest reading of the rangefinder; None where there is none.
+        previous: the guidance of the frame before; None at the start.
+        settings: all thresholds.
+        paused: guidance is held.
+        route_version: changes with the route; what was remembered about another one is dropped.
+    """
+    cycle = _Cycle(
+        stamp_s, scan, current_reading(sonar, stamp_s, settings.gate),
+        previous if previous is not None and previous.route_version == route_version else None, settings, route_version,
+    )  # fmt: skip
+    trace = _sensed(cycle, localization)
+    if paused:
+        return cycle.stop(Reason.PAUSED, _remembered(cycle, trace), "guidance is paused")
+    if route is None:
+        return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
+    pose = localization.pose
+    if pose is None or localization.quality is LocalizationQuality.LOST:
+        return cycle.stop(Reason.POSE_LOST, trace, "the pose is lost")
+    if trace.uncertain_since_s is not None and (
+        stamp_s - trace.uncertain_since_s > settings.localization.uncertain_hold_s
+    ):
+        return cycle.stop(Reason.POSE_LOST, trace, "the pose has been uncertain for too long")
+    return _follow(cycle, route, pose, trace)
+
+
+def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> Guidance:
+    """Eqs. 1–3, and what needs no free space."""
+    follower, before = cycle.settings.follower, cycle.previous
+    if before is not None and before.reason is Reason.ARRIVED:
+        return cycle.stop(Reason.ARRIVED, replace(trace, sub_goal=before.trace.sub_goal), "arrived before")
+    last_index = None if before is None else before.trace.closest_index
+    last_goal = None if before is None else before.trace.sub_goal
+    closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
+    goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
+    expected = expected_direction(goal, pose)
+    trace = replace(
+        trace, heading=pose.heading, expected=expected, sub_goal=goal, closest_index=closest_index,
+        deviation_m=deviation_m, remaining_m=route.length_m - float(route.arc_length_m[closest_index]),
+    )  # fmt: skip
+    if has_arrived(goal, pose, follower):
+        return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")
+    error = relative_to(expected, pose.heading)
+    if _must_turn(cycle, error):
+        return cycle.turn(error, trace, "the expected direction is far to the side: turn on the spot")
+    return _choose(cycle, pose, goal, expected, deviation_m, trace)
+
+
+def _choose(
+    cycle: _Cycle, pose: Pose2D, goal: SubGoal, expected: WorldAngle, deviation_m: float, trace: DecisionTrace
+) -> Guidance:
+    """Depth checks, Eq. 4, Eq. 5."""
+    settings, scan = cycle.settings, cycle.scan
+    if not scan.valid_fraction >= settings.obstacle.min_valid_fraction:
+        return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
+    required_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.obstacle.clearance_m)
+    error = relative_to(expected, pose.heading)
+    candidates = walkable(scan.candidates, required_m)
+    best = optimal_direction(candidates, expected, pose.heading, deviation_m, settings.follower)
+    trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
+    near_m = scan.nearest_ahead_m
+    if near_m is not None and near_m < settings.obstacle.stop_distance_m:
+        return _before_obstacle(
+            cycle, error, trace, _blocking_reason(cycle, 0.0, required_m), "nearer than the stop distance"
+        )
+    if best is None:
+        reason = _blocking_reason(cycle, error, required_m)
+        return _before_obstacle(cycle, error, trace, reason, f"D is empty: nothing is free for {required_m:.1f} m")
+    gate_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.gate.clearance_m)
+    direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
+    if direction is None:
+        return cycle.stop(Reason.OBSTACLE_SONAR, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
+    return _leave_stop(cycle, direction, error, deviation_m, trace)
+
+
+def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: str) -> Guidance:
+    """No step forward. Turn on the spot to where a way is, or may be; stop where neither is so."""
+    settings = cycle.settings
+    if trace.optimal is not None and abs(trace.optimal) > math.radians(settings.obstacle.candidate_step_deg / 2):
+        return cycle.turn(trace.optimal, trace, f"{why}: turn to the free direction")
+    settled = math.radians(settings.follower.turn_settled_deg)
+    # A turn that has begun goes on past the angle that begins one, so that noise does not make it flicker.
+    if trace.optimal is None and abs(error) > (settled / 2 if _is_turning_to_expected(cycle) else settled):
+        return cycle.turn(error, trace, f"{why}: turn to look where the route leads")
+    return cycle.stop(reason, trace, why)
+
+
+def _leave_stop(
+    cycle: _Cycle, direction: RelativeAngle, error: RelativeAngle, deviation_m: float, trace: DecisionTrace
+) -> Guidance:
+    """One frame suffices to stop; leaving a stop takes several."""
+    before = cycle.previous
+    if before is not None and before.action is Action.STOP and before.reason in _OBSTACLE_REASONS:
+        needed = cycle.settings.obstacle.leave_frames_count
+        count = before.trace.free_frame_count + 1
+        if count < needed:
+            waiting = replace(trace, free_frame_count=count)
+            return cycle.stop(before.reason, waiting, f"free for {count} of {needed} frames since the stop")
+    corrects = needs_correction(deviation_m, error, cycle.settings.follower)
+    rule = "Eq. 4: nearest to the expected direction" if corrects else "Eq. 4: nearest to straight ahead"
+    return cycle.walk(direction, trace, rule)
+
+
+def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
+    """A turn begins when the expected direction is far to the side, and lasts until it is nearly straight ahead."""
+    follower = cycle.settings.follower
+    turning = _is_turning_to_expected(cycle)
+    return abs(error) > math.radians(follower.turn_settled_deg if turning else follower.turn_angle_deg)
+
+
+def _is_turning_to_expected(cycle: _Cycle) -> bool:
+    """Whether the frame before turned to where the route leads, not aside to a free direction."""
+    before = cycle.previous
+    return before is not None and before.action is Action.TURN and before.trace.optimal is None
+
+
+def _blocking_reason(cycle: _Cycle, towards: float, required_m: float) -> Reason:
+    """Why a direction is closed: a drop, something seen, or nothing seen at all."""
+    scan = cycle.scan
+    near = (abs(scan.bearing_rad - towards) < math.radians(15.0)) & (scan.nearest_m < required_m)
+    if bool((near & (scan.state == BearingState.DROP)).any()):
+        return Reason.DROP_AHEAD
+    if bool((near & (scan.state == BearingState.OBSTACLE)).any()):
+        return Reason.OBSTACLE_DEPTH
+    return Reason.NO_CANDIDATE
+
+
+def _is_off_road(trace: DecisionTrace, settings: Settings) -> bool:
+    return trace.deviation_m is not None and trace.deviation_m > settings.follower.off_road_distance_m
+
+
+def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
+    """Keep the place on the route over a pause."""
+    if cycle.previous is None:
+        return trace
+    before = cycle.previous.trace
+    return replace(trace, closest_index=before.closest_index, sub_goal=before.sub_goal)
+
+
+def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
+    pose = localization.pose
+    before = cycle.previous.trace.uncertain_since_s if cycle.previous is not None else None
+    uncertain = localization.quality is LocalizationQuality.UNCERTAIN
+    return DecisionTrace(
+        heading=None if pose is None else pose.heading,
+        candidates=cycle.scan.candidates,
+        nearest_ahead_m=cycle.scan.nearest_ahead_m,
+        sonar_state=cycle.sonar.state,
+        sonar_m=echo_distance_m(cycle.sonar),
+        uncertain_since_s=(cycle.stamp_s if before is None else before) if uncertain else None,
+    )

@@ -1,0 +1,37 @@
+"""Things that stand, hang or walk in the way: for experiments with obstacles (the paper's Experiment 2)."""
+
+from __future__ import annotations
+
+from device_agent.simulation.building import Mover
+from device_agent.simulation.furniture import person
+from device_agent.simulation.shapes import GLASS, Piece, Solid, Surface, box, upright_quad
+
+_CARDBOARD = "veneer/#b58a5a:carton"
+
+
+def carton(x_m: float, y_m: float, yaw_deg: float = 0.0, size_m: tuple[float, float, float] = (0.5, 0.5, 0.9)) -> Piece:
+    """A stack of cardboard boxes."""
+    return box(size_m, _CARDBOARD, front="poster/carton", name="carton").moved(x_m, y_m, yaw_deg)
+
+
+def low_box(x_m: float, y_m: float, yaw_deg: float = 0.0) -> Piece:
+    """A box 25 cm high: under the view of a level camera."""
+    return box((0.5, 0.4, 0.25), "fabric/#8a3f35", name="low box").moved(x_m, y_m, yaw_deg)
+
+
+def hanging_box(x_m: float, y_m: float, yaw_deg: float = 0.0, low_m: float = 1.4) -> Piece:
+    """A wall cupboard that hangs in the way at the height of the head: no cane finds it."""
+    return box((0.7, 0.35, 0.6), "veneer/#7a5a3a:cupboard", base_m=low_m, name="hanging box").moved(x_m, y_m, yaw_deg)
+
+
+def glass_pane(x_m: float, y_m: float, yaw_deg: float = 0.0, width_m: float = 1.2) -> Piece:
+    """A closed pane of glass along x, 2.1 m high: only the ultrasonic rangefinder can tell."""
+    pane: Surface = upright_quad((-width_m / 2, 0.0), (width_m / 2, 0.0), 0.0, 2.1, GLASS)
+    return Piece((pane,), (Solid("glass pane", 0.0, 0.0, width_m / 2, 0.02, 0.0, 0.0, 2.1),)).moved(x_m, y_m, yaw_deg)
+
+
+def walking_person(
+    path_m: tuple[tuple[float, float], ...], speed_mps: float = 0.9, start_s: float = 0.0, colour: str = "#b03a48"
+) -> Mover:
+    """Somebody who walks along a path and back; they do not step aside."""
+    return Mover(person(colour), path_m, speed_mps, start_s)

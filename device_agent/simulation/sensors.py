@@ -1,0 +1,275 @@
+"""The head-worn depth camera: how its colour and depth differ from the truth.
+
+The depth camera is modelled on the Intel RealSense D435 (data sheet of the D400 series, and A. Grunnet-Jepsen et al.,
+"Tuning depth cameras for best performance", Intel): two imagers 50 mm apart, depth = f B / disparity, disparity known
+to a few hundredths of a pixel and reported in steps of 1/32 px, so that the error grows with the square of the distance.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, special
+
+from device_agent.simulation.renderer import View
+from device_agent.simulation.shading import F32, U8
+from device_agent.simulation.textures import Material
+from navcore.compiled import kernel
+from navcore.errors import InputError
+from navcore.types import CameraIntrinsics, Frame, ImageRgb
+
+HFOV_DEG = 69.0
+"""Horizontal field of view of the D435's colour camera, to which depth is registered (D400 data sheet)."""
+IMAGE_SIZES = ((640, 480), (320, 240))
+_POOL_MARGIN_PX = 128
+
+
+@dataclass(frozen=True, slots=True)
+class DepthNoise:
+    """Parameters of the depth error model."""
+
+    focal_baseline_px_m: float = 21.2
+    """f B of the imagers: 424 px (848 px wide, 90° horizontal field of view) × 0.050 m (D400 data sheet)."""
+    disparity_sigma_px: float = 0.035
+    """Sub-pixel error; gives σ_z ≈ 0.00165 z². Intel's tuning guide calls below 0.1 px well tuned."""
+    disparity_step_px: float = 1.0 / 32.0
+    """Disparity is reported in steps of 1/32 px (D400, "disparity shift" and sub-pixel documentation)."""
+    correlated_share: float = 0.6
+    """Share of the error's standard deviation that neighbours have in common (matching windows overlap)."""
+    min_m: float = 0.3
+    """Nearest distance measured well (D435: about 0.28 m at 848 × 480)."""
+    max_m: float = 8.0
+    """Farthest distance given out; D435 is specified to about 3 m, and delivers, with large errors, up to 10 m."""
+    grazing_cosine: float = 0.20
+    """Below this cosine of incidence more and more is missing."""
+    shiny_missing: float = 0.45
+    """Share of a dark or glossy surface that gives no depth."""
+    lit_missing: float = 0.5
+    """Share of windows and lamps that gives no depth."""
+    random_missing: float = 0.003
+    """Share of all pixels that is missing anyhow."""
+    edge_missing: float = 0.6
+    """Share of pixels on a depth edge that is missing; the others lie between front and back."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColourNoise:
+    """Parameters of the colour error model (8-bit grey levels)."""
+
+    read_sigma: float = 1.2
+    shot_sigma: float = 2.0
+    """Standard deviation at full brightness; it grows with the square root of the light (Poisson)."""
+    optics_sigma_px: float = 0.45
+    """Blur of the lens."""
+    exposure_sigma: float = 0.015
+    """Flicker of the automatic exposure from frame to frame, relative."""
+    exposure_s: float = 0.008
+    """Time of exposure: what moves meanwhile is smeared."""
+
+
+NO_DEPTH_NOISE = DepthNoise(
+    disparity_sigma_px=0.0,
+    disparity_step_px=1e-6,
+    grazing_cosine=0.0,
+    shiny_missing=0.0,
+    lit_missing=0.0,
+    random_missing=0.0,
+    edge_missing=0.0,
+)
+NO_COLOUR_NOISE = ColourNoise(0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def head_camera(width_px: int = 320, height_px: int = 240, hfov_deg: float = HFOV_DEG) -> CameraIntrinsics:
+    """Return the intrinsics of the head-worn camera. Raises InputError for an odd size or field of view."""
+    if width_px < 16 or height_px < 12 or not 10.0 <= hfov_deg <= 150.0:
+        raise InputError(
+            f"A camera of {width_px}×{height_px} pixels and {hfov_deg:g}° cannot be simulated: use 640×480 or 320×240."
+        )
+    focal_px = width_px / 2 / math.tan(math.radians(hfov_deg) / 2)
+    return CameraIntrinsics(width_px, height_px, focal_px, focal_px, (width_px - 1) / 2, (height_px - 1) / 2)
+
+
+class CameraModel:
+    """Turns perfect views into frames as a real camera would give them. The same seed and number give the same frame."""
+
+    def __init__(
+        self,
+        camera: CameraIntrinsics,
+        seed: int,
+        depth_noise: DepthNoise = DepthNoise(),
+        colour_noise: ColourNoise = ColourNoise(),
+    ) -> None:
+        self.camera = camera
+        self._seed = seed
+        self._depth_noise = depth_noise
+        self._colour_noise = colour_noise
+        rng = np.random.default_rng([seed, 2])
+        shape = (camera.height_px + _POOL_MARGIN_PX, camera.width_px + _POOL_MARGIN_PX)
+        # Matching windows and blobs cover the same angle at any resolution.
+        scale = camera.width_px / 320
+        self._fine = rng.standard_normal(shape, np.float32)
+        self._coarse = _correlated(rng, shape, 1.5 * scale)
+        self._blobs = special.ndtr(_correlated(rng, shape, 2.0 * scale)).astype(np.float32)
+
+    def capture(self, view: View, stamp_s: float, number: int, motion_px: tuple[float, float] = (0.0, 0.0)) -> Frame:
+        """Return the frame with this number. ``motion_px`` is how far the image moved during the exposure."""
+        rng = np.random.default_rng([self._seed, 3, number])
+        return Frame(stamp_s, self._colour(view, rng, motion_px), self._depth(view, rng))
+
+    def _depth(self, view: View, rng: np.random.Generator) -> F32:
+        noise = self._depth_noise
+        out = np.empty_like(view.depth_m)
+        spoil_depth(
+            view.depth_m,
+            view.incidence,
+            view.material,
+            self._crop(self._fine, rng),
+            self._crop(self._coarse, rng),
+            self._crop(self._blobs, rng),
+            self.camera.fx_px,
+            noise.focal_baseline_px_m,
+            noise.disparity_sigma_px,
+            noise.disparity_step_px,
+            noise.correlated_share,
+            noise.min_m,
+            noise.max_m,
+            noise.grazing_cosine,
+            noise.shiny_missing,
+            noise.lit_missing,
+            noise.random_missing,
+            noise.edge_missing,
+            out,
+        )
+        return out
+
+    def _colour(self, view: View, rng: np.random.Generator, motion_px: tuple[float, float]) -> ImageRgb:
+        noise = self._colour_noise
+        image = view.colour_rgb
+        if noise.optics_sigma_px > 0.0:
+            image = cv2.GaussianBlur(image, (3, 3), noise.optics_sigma_px)
+        if math.hypot(*motion_px) > 0.7:
+            image = cv2.filter2D(image, -1, _line_kernel(motion_px))
+        gain = 1.0 + noise.exposure_sigma * float(rng.standard_normal())
+        out = np.empty_like(view.colour_rgb)
+        grains = [self._crop(self._fine, rng) for _ in range(3)]
+        spoil_colour(
+            np.ascontiguousarray(image), grains[0], grains[1], grains[2], gain, noise.read_sigma, noise.shot_sigma, out
+        )
+        return out
+
+    def _crop(self, pool: F32, rng: np.random.Generator) -> F32:
+        """Cut a picture-sized piece out of a pool of noise: much cheaper than drawing new noise for each frame."""
+        top, left = (int(k) for k in rng.integers(_POOL_MARGIN_PX, size=2))
+        piece = pool[top : top + self.camera.height_px, left : left + self.camera.width_px]
+        return np.ascontiguousarray(piece)
+
+
+def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma_px: float) -> F32:
+    field = ndimage.gaussian_filter(rng.standard_normal(shape, np.float32), sigma_px, mode="wrap")
+    normal: F32 = (field / field.std()).astype(np.float32)
+    return normal
+
+
+def _line_kernel(motion_px: tuple[float, float]) -> NDArray[np.float32]:
+    """Return a square kernel that smears along a line."""
+    half = min(15, math.ceil(max(abs(motion_px[0]), abs(motion_px[1])) / 2))
+    mask = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
+    for share in np.linspace(-0.5, 0.5, 8 * half + 9):
+        column, row = (min(half, max(-half, round(share * m))) for m in motion_px)
+        mask[half + row, half + column] += 1.0
+    line: NDArray[np.float32] = mask / mask.sum()
+    return line
+
+
+@kernel
+def spoil_colour(
+    image: U8, red: F32, green: F32, blue: F32, gain: float, read_sigma: float, shot_sigma: float, out: U8
+) -> None:
+    """Fill ``out`` (h, w, 3): exposure gain, noise of the read-out and of the light; noise fields (h, w), standard normal."""
+    for v in range(image.shape[0]):
+        for u in range(image.shape[1]):
+            for c in range(3):
+                value = gain * image[v, u, c]
+                grain = red[v, u] if c == 0 else (green[v, u] if c == 1 else blue[v, u])
+                value += grain * math.sqrt(read_sigma * read_sigma + shot_sigma * shot_sigma * value / 255.0)
+                out[v, u, c] = np.uint8(min(255.0, max(0.0, value + 0.5)))
+
+
+@kernel
+def spoil_depth(
+    depth: F32,
+    incidence: F32,
+    material: U8,
+    fine: F32,
+    coarse: F32,
+    blobs: F32,
+    focal_px: float,
+    focal_baseline: float,
+    sigma_px: float,
+    step_px: float,
+    correlated: float,
+    min_m: float,
+    max_m: float,
+    grazing: float,
+    shiny_missing: float,
+    lit_missing: float,
+    random_missing: float,
+    edge_missing: float,
+    out: F32,
+) -> None:
+    """Fill ``out`` (h, w) with what the depth camera reports for the true depth; NaN where it reports nothing.
+
+    ``fine`` and ``coarse`` are standard normal, ``blobs`` is uniform in 0–1 and smooth, all (h, w). The parameters are
+    those of :class:`DepthNoise`.
+    """
+    rows, columns = depth.shape
+    white = math.sqrt(1.0 - correlated * correlated)
+    # Registration to the colour image: what the second imager does not see, left of a near edge, has no depth.
+    own_baseline = focal_baseline / 424.0 * focal_px
+    for v in range(rows):
+        nearest_right = np.inf
+        for u in range(columns - 1, -1, -1):
+            z = depth[v, u]
+            out[v, u] = np.nan
+            if not z < max_m:
+                nearest_right = min(nearest_right, float(u))
+                continue
+            seen_at = u - own_baseline / z
+            hidden = edge_missing > 0.0 and seen_at > nearest_right + 0.5
+            nearest_right = min(nearest_right, seen_at)
+            if hidden:
+                continue
+            missing = random_missing
+            if incidence[v, u] < grazing:
+                missing += (1.0 - incidence[v, u] / grazing) * 0.9
+            if material[v, u] == SHINY:
+                missing += shiny_missing
+            elif material[v, u] == LIT:
+                missing += lit_missing
+            if blobs[v, u] < missing:
+                continue
+            if edge_missing > 0.0 and 0 < u < columns - 1 and 0 < v < rows - 1:
+                near = min(min(depth[v, u - 1], depth[v, u + 1]), min(depth[v - 1, u], depth[v + 1, u]))
+                # A slanted plane is no edge: its depth goes on as steeply on the other side.
+                if near < 0.93 * z and z - near > 0.05 and incidence[v, u] > 0.25:
+                    if blobs[rows - 1 - v, u] < edge_missing:
+                        continue
+                    z = near + (z - near) * blobs[v, columns - 1 - u]
+            if z < min_m:
+                # Too near: matched wrongly, reported near if at all.
+                if blobs[v, u] < 0.5:
+                    continue
+                z = min_m * (0.6 + 0.5 * blobs[v, u])
+            disparity = focal_baseline / z + sigma_px * (correlated * coarse[v, u] + white * fine[v, u])
+            disparity = max(step_px, math.floor(disparity / step_px + 0.5) * step_px)
+            measured = focal_baseline / disparity
+            if measured < max_m:
+                out[v, u] = measured
+
+
+SHINY = int(Material.SHINY)
+LIT = int(Material.LIT)

@@ -1,0 +1,84 @@
+"""Colours, shapes and words of the scene, in one place.
+
+The kinds of places differ in colour and in shape, so that nobody has to tell two hues apart; the hues are those of
+Okabe and Ito, which hold for the common forms of colour blindness, brightened for a dark background.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from navcore.planning.poi_graph import PoiKind
+
+Rgb = tuple[int, int, int]
+Shape = Literal["ball", "box", "post", "diamond"]
+
+ROAD: Rgb = (240, 200, 80)
+EDGE: Rgb = (86, 180, 233)
+EDGE_CLOSED: Rgb = (213, 94, 0)
+EDGE_SELECTED: Rgb = (255, 255, 255)
+PREVIEW: Rgb = (255, 240, 150)
+ARROW: Rgb = (235, 245, 255)
+ROUTE: Rgb = (60, 140, 255)
+TRAIL: Rgb = (190, 120, 220)
+WALKER: Rgb = (230, 60, 60)
+WALKER_STALE: Rgb = (130, 130, 135)
+SUB_GOAL: Rgb = (40, 110, 255)
+CLOSEST: Rgb = (250, 220, 40)
+CANDIDATE: Rgb = (0, 200, 150)
+CHOSEN: Rgb = (255, 255, 255)
+SONAR: Rgb = (230, 159, 0)
+SONAR_NEAR: Rgb = (230, 60, 60)
+FLOOR: Rgb = (24, 27, 33)
+GRID: Rgb = (48, 54, 64)
+GRID_SECTION: Rgb = (72, 80, 94)
+BRAND: Rgb = (86, 160, 233)
+
+
+@dataclass(frozen=True, slots=True)
+class KindLook:
+    """How a kind of place looks, and what it is called."""
+
+    word: str
+    colour: Rgb
+    shape: Shape
+
+
+KINDS: dict[PoiKind, KindLook] = {
+    "room": KindLook("Room", (86, 180, 233), "ball"),
+    "toilet": KindLook("Wash room", (204, 121, 167), "ball"),
+    "bar": KindLook("Bar", (230, 159, 0), "ball"),
+    "lounge": KindLook("Lounge", (0, 190, 140), "ball"),
+    "hall": KindLook("Hall", (240, 228, 66), "ball"),
+    "junction": KindLook("Junction", (235, 235, 235), "diamond"),
+    "lift": KindLook("Lift", (150, 130, 255), "post"),
+    "stairs": KindLook("Stairs", (230, 110, 50), "post"),
+    "door": KindLook("Door", (200, 170, 130), "box"),
+    "entrance": KindLook("Entrance", (110, 220, 110), "box"),
+    "exit": KindLook("Exit", (235, 90, 90), "box"),
+    "other": KindLook("Other", (170, 180, 195), "ball"),
+}
+KIND_OF_WORD: dict[str, PoiKind] = {look.word: kind for kind, look in KINDS.items()}
+
+
+def dimmed(colour: Rgb, share: float) -> Rgb:
+    """Return a colour at this share of its brightness, 0–1."""
+    red, green, blue = (round(part * share) for part in colour)
+    return red, green, blue
+
+
+def metres_text(length_m: float) -> str:
+    """A length as it stands at an edge."""
+    return f"{length_m:.1f} m" if length_m < 100 else f"{length_m:.0f} m"
+
+
+def age_text(age_s: float) -> str:
+    """An age in words, as coarse as is honest."""
+    if age_s < 10.0:
+        return f"{age_s:.1f} s ago"
+    if age_s < 120.0:
+        return f"{age_s:.0f} s ago"
+    if age_s < 7200.0:
+        return f"{age_s / 60.0:.0f} min ago"
+    return f"{age_s / 3600.0:.0f} h ago"

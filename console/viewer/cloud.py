@@ -1,0 +1,137 @@
+"""What of the point cloud is shown, and from where it is first looked at. Pure functions on arrays."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.geometry import FloatArray
+
+MAX_POINTS_COUNT = 1_000_000
+"""More points than this are thinned out before they are sent to a browser."""
+CEILING_M = 2.2
+"""What is higher than this hides the inside of a floor seen from above: it is a layer of its own."""
+_SURFACE_CELL_M = 0.25
+_WHOLE_FLOOR_FOV_RAD = math.radians(50.0)
+_OBLIQUE_RAD = math.radians(52.0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownCloud:
+    """The points that a browser gets, below the ceiling cut and above it."""
+
+    points_m: NDArray[np.float32]
+    colours_rgb: NDArray[np.uint8]
+    ceiling_points_m: NDArray[np.float32]
+    ceiling_colours_rgb: NDArray[np.uint8]
+    total_count: int
+    """Points of the site."""
+    point_size_m: float
+
+    @property
+    def shown_count(self) -> int:
+        """Points that are sent."""
+        return len(self.points_m) + len(self.ceiling_points_m)
+
+    @property
+    def sentence(self) -> str:
+        """What is shown, for the person who looks."""
+        if self.shown_count == self.total_count:
+            return f"{self.total_count:,} points"
+        return f"{self.shown_count:,} of {self.total_count:,} points are shown: the cloud was thinned out."
+
+
+@dataclass(frozen=True, slots=True)
+class FloorBounds:
+    """The rectangle of the floor that holds the map, metres."""
+
+    x_min_m: float
+    y_min_m: float
+    x_max_m: float
+    y_max_m: float
+
+    @property
+    def centre_m(self) -> tuple[float, float]:
+        """Middle of the rectangle."""
+        return (self.x_min_m + self.x_max_m) / 2, (self.y_min_m + self.y_max_m) / 2
+
+    @property
+    def width_m(self) -> float:
+        """Extent along x."""
+        return self.x_max_m - self.x_min_m
+
+    @property
+    def depth_m(self) -> float:
+        """Extent along y."""
+        return self.y_max_m - self.y_min_m
+
+
+@dataclass(frozen=True, slots=True)
+class CameraView:
+    """A place to look from, and the point looked at, metres."""
+
+    position_m: tuple[float, float, float]
+    look_at_m: tuple[float, float, float]
+
+
+def shown_cloud(
+    points_m: NDArray[np.float32],
+    colours_rgb: NDArray[np.uint8],
+    max_count: int = MAX_POINTS_COUNT,
+    ceiling_m: float = CEILING_M,
+    seed: int = 0,
+) -> ShownCloud:
+    """Thin a cloud (n, 3) to ``max_count`` points, at random, and cut it at the ceiling; non-finite points go."""
+    finite = np.isfinite(points_m).all(axis=1)
+    points, colours = points_m[finite], colours_rgb[finite]
+    total_count = len(points)
+    if total_count > max_count:
+        chosen = np.sort(np.random.default_rng(seed).choice(total_count, max_count, replace=False))
+        points, colours = points[chosen], colours[chosen]
+    high = points[:, 2] > ceiling_m
+    return ShownCloud(
+        points[~high], colours[~high], points[high], colours[high], total_count, _point_size_m(points)
+    )  # fmt: skip
+
+
+def _point_size_m(points_m: NDArray[np.float32]) -> float:
+    """Return a size at which neighbouring points just touch, from the area of the surfaces that the cloud covers."""
+    if len(points_m) == 0:
+        return 0.02
+    cells = np.unique(np.floor(points_m / _SURFACE_CELL_M).astype(np.int32), axis=0)
+    spacing_m = math.sqrt(len(cells) * _SURFACE_CELL_M**2 / len(points_m))
+    return float(np.clip(0.9 * spacing_m, 0.012, 0.09))
+
+
+def floor_bounds(points_m: NDArray[np.float32], roads_m: Sequence[FloatArray]) -> FloorBounds:
+    """Return the rectangle that holds the road and all but the stray points of the cloud, with a margin of 0.5 m."""
+    corners = [road[:, :2] for road in roads_m if len(road)]
+    finite = points_m[np.isfinite(points_m).all(axis=1)]
+    if len(finite):
+        corners.append(np.percentile(finite[:, :2].astype(np.float64), (0.5, 99.5), axis=0))
+    if not corners:
+        return FloorBounds(-5.0, -5.0, 5.0, 5.0)
+    low, high = np.vstack(corners).min(axis=0) - 0.5, np.vstack(corners).max(axis=0) + 0.5
+    return FloorBounds(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
+
+
+def overview(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
+    """Return an oblique view from the south that holds the whole floor, for a window of this width to height."""
+    x_m, y_m = bounds.centre_m
+    across_m = max(bounds.width_m / aspect, bounds.depth_m * math.sin(_OBLIQUE_RAD))
+    distance_m = 0.5 * across_m / math.tan(_WHOLE_FLOOR_FOV_RAD / 2) + 0.35 * bounds.depth_m + 1.0
+    back_m, up_m = distance_m * math.cos(_OBLIQUE_RAD), distance_m * math.sin(_OBLIQUE_RAD)
+    return CameraView((x_m, y_m - back_m, up_m), (x_m, y_m - 0.03 * bounds.depth_m, 0.0))
+
+
+def plan_view(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
+    """Return the view straight down onto the whole floor, north up."""
+    x_m, y_m = bounds.centre_m
+    across_m = max(bounds.width_m / aspect, bounds.depth_m)
+    up_m = 0.55 * across_m / math.tan(_WHOLE_FLOOR_FOV_RAD / 2) + 1.0
+    # A camera exactly above has no "up": a hair to the south keeps north at the top.
+    return CameraView((x_m, y_m - 0.01 * up_m, up_m), (x_m, y_m, 0.0))

@@ -1,0 +1,125 @@
+"""What is known of a walker at one instant, and how far it can still be believed. Pure values."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from console.live import Freshness, LiveDevice
+from navcore.angles import wrap_rad
+from navcore.geometry import FloatArray
+from navcore.types import Reason
+from navcore.wire import WalkerState
+
+CUE_SHOWN_S = 6.0
+WALKING_SPEED_M_S = 1.0
+_LARGEST_DISC_M = 15.0
+_TRAIL_SPACING_M = 0.25
+_TRAIL_POINTS_COUNT = 240
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LiveView:
+    """One device at one instant, as the scene shows it; ``device`` is None while none has ever connected."""
+
+    device: LiveDevice | None = None
+    now_s: float = 0.0
+    """The console's monotonic clock."""
+    silhouette_rgb: NDArray[np.uint8] | None = None
+    """The latest depth silhouette, decoded."""
+    trail_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    """Where the walker has been, points (n, 2), the newest last."""
+
+    @property
+    def state(self) -> WalkerState | None:
+        """The latest state of the walker."""
+        return self.device.state if self.device is not None else None
+
+    @property
+    def age_s(self) -> float | None:
+        """Seconds since the frame behind the state was captured."""
+        return self.device.age_s(self.now_s) if self.device is not None else None
+
+    @property
+    def freshness(self) -> Freshness:
+        """How far this can be believed."""
+        return self.device.freshness(self.now_s) if self.device is not None else Freshness.LOST
+
+    @property
+    def uncertainty_m(self) -> float:
+        """Radius of the disc that holds the walker: the pose's own, growing at walking speed with its age."""
+        if self.state is None or self.age_s is None:
+            return 0.0
+        own_m = 2.0 * (self.state.position_std_m or 0.1)
+        moved_m = max(0.0, self.age_s - 0.5) * WALKING_SPEED_M_S
+        return min(own_m + moved_m, _LARGEST_DISC_M)
+
+    @property
+    def cue(self) -> str:
+        """What was said last, while it is recent by the device's own clock; empty otherwise."""
+        state = self.state
+        if state is None or state.last_cue_stamp_s is None or self.freshness in (Freshness.STALE, Freshness.LOST):
+            return ""
+        return state.last_cue if state.stamp_s - state.last_cue_stamp_s <= CUE_SHOWN_S else ""
+
+    @property
+    def route_m(self) -> FloatArray:
+        """The planned route, points (n, 2)."""
+        points = self.device.route.points_m if self.device is not None and self.device.route is not None else ()
+        return np.array(points, dtype=np.float64).reshape(-1, 2)
+
+    @property
+    def closest_m(self) -> tuple[float, float] | None:
+        """P_cls: the point of the route closest to the walker (Eq. 1)."""
+        route_m = self.route_m
+        if self.state is None or self.state.pose is None or len(route_m) == 0:
+            return None
+        x_m, y_m = route_m[int(np.argmin(np.hypot(*(route_m - np.array(self.state.pose[:2])).T)))]
+        return float(x_m), float(y_m)
+
+
+def reason_sentence(state: WalkerState) -> str:
+    """Return the reason of a decision in plain words; a reason of a newer device as it stands."""
+    try:
+        return Reason(state.reason).sentence
+    except ValueError:
+        return state.reason
+
+
+def direction_words(angle_rad: float) -> str:
+    """Return a relative direction in words: “straight ahead”, “30° left”."""
+    degrees = round(math.degrees(wrap_rad(angle_rad)))
+    if abs(degrees) < 5:
+        return "straight ahead"
+    return f"{abs(degrees)}° {'left' if degrees > 0 else 'right'}"
+
+
+class Trail:
+    """Where a walker has been: grows with every state, forgets the oldest, and starts anew after a jump."""
+
+    def __init__(self) -> None:
+        self._points_m: list[tuple[float, float]] = []
+        self._array_m: FloatArray = np.zeros((0, 2))
+
+    @property
+    def points_m(self) -> FloatArray:
+        """Points (n, 2), the newest last."""
+        return self._array_m
+
+    def add(self, state: WalkerState) -> None:
+        """Add the position of a state, where it has one and has moved."""
+        if state.pose is None:
+            return
+        point = state.pose[0], state.pose[1]
+        if self._points_m:
+            moved_m = math.dist(point, self._points_m[-1])
+            if moved_m < _TRAIL_SPACING_M:
+                return
+            if moved_m > 3.0:
+                self._points_m.clear()
+        self._points_m.append(point)
+        del self._points_m[:-_TRAIL_POINTS_COUNT]
+        self._array_m = np.array(self._points_m)

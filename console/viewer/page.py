@@ -1,0 +1,93 @@
+"""The page that carries the scene: viser's client, with our own script, under a strict Content-Security-Policy.
+
+The client is a single HTML file with a single inline script. It would connect to, and run code from, any address given
+in its query (``?websocket=``, ``?playbackPath=``); ``connect-src 'self'`` ends both.
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import hashlib
+import json
+from dataclasses import dataclass
+from html.parser import HTMLParser
+
+_WATCH_SCRIPT = """
+document.hasFocus = () => document.visibilityState === 'visible';
+(() => {
+  const signIn = %(sign_in)s, session = %(session)s;
+  const look = async () => {
+    if (document.visibilityState !== 'visible') return;
+    try {
+      const answer = await fetch(session, {cache: 'no-store', credentials: 'same-origin'});
+      if (answer.status === 401 || answer.status === 403) (window.top || window).location.assign(signIn);
+    } catch (error) { /* The console is away: viser keeps trying to reconnect by itself. */ }
+  };
+  setInterval(look, 5000);
+})();
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ScenePage:
+    """The page, ready to be served."""
+
+    body: bytes
+    body_gzip: bytes
+    etag: str
+    content_security_policy: str
+
+
+def scene_page(client_html: str, title: str, session_url: str, sign_in_url: str) -> ScenePage:
+    """Make the page from viser's client.
+
+    ``session_url`` answers 401 once the session is over; then the browser goes to ``sign_in_url``. The injected script
+    also lets viser reconnect while the page is visible without the focus (a wall monitor, a frame in our page).
+    Raises ValueError where the client no longer has the form that this relies on.
+    """
+    scripts = inline_scripts(client_html)
+    if len(scripts) != 1 or client_html.count("<head>") != 1 or client_html.count("<title>Viser</title>") != 1:
+        raise ValueError("viser's client page has another form than in 1.1.1: keep viser==1.1.1.")
+    ours = _WATCH_SCRIPT % {"sign_in": json.dumps(sign_in_url), "session": json.dumps(session_url)}
+    body = client_html.replace("<title>Viser</title>", f"<title>{title}</title>")
+    body = body.replace("<head>", f"<head><script>{ours}</script>", 1)
+    data = body.encode()
+    return ScenePage(
+        data, gzip.compress(data, 6, mtime=0), f'"{hashlib.sha256(data).hexdigest()[:32]}"', _policy([scripts[0], ours])
+    )
+
+
+def inline_scripts(html: str) -> list[str]:
+    """Return the text of every inline script of a page."""
+    reader = _ScriptReader()
+    reader.feed(html)
+    return reader.scripts
+
+
+def _policy(scripts: list[str]) -> str:
+    hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
+    return (
+        f"default-src 'none'; script-src {hashes} 'strict-dynamic' 'wasm-unsafe-eval'; worker-src blob:; "
+        "style-src 'unsafe-inline'; img-src 'self' data: blob:; font-src data:; connect-src 'self' data: blob:; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'self'"
+    )
+
+
+class _ScriptReader(HTMLParser):
+    def __init__(self) -> None:
+        super().__init__(convert_charrefs=False)
+        self.scripts: list[str] = []
+        self._inside = False
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self._inside = tag == "script"
+        if self._inside:
+            self.scripts.append("")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._inside = False
+
+    def handle_data(self, data: str) -> None:
+        if self._inside:
+            self.scripts[-1] += data

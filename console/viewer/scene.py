@@ -1,0 +1,177 @@
+"""The scene of a site: the static map for everybody, and a view of their own for each window.
+
+Only what never changes is shared (viser replays every shared message to each newcomer, and the cost of that grows with
+their number since the start); everything live, editable, or dependent on a role belongs to one connection.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+
+import cv2
+import numpy as np
+import viser
+from fastapi import FastAPI
+from numpy.typing import NDArray
+
+from console.live import LiveDevice
+from console.services import Services
+from console.view_requests import ViewRequest
+from console.viewer import appearance as look
+from console.viewer import meshes
+from console.viewer.cloud import FloorBounds, ShownCloud, floor_bounds, overview, shown_cloud
+from console.viewer.embedded import EmbeddedViser
+from console.viewer.live_view import LiveView, Trail
+from console.viewer.mount import Authenticate, mount
+from console.viewer.session_view import SessionView
+from navcore.wire import DepthImage
+
+_log = logging.getLogger(__name__)
+TICK_S = 0.05
+_ROAD_Z_M = 0.03
+
+
+class Scene:
+    """The 3D scene of one site, for any number of windows."""
+
+    def __init__(self, services: Services) -> None:
+        self._services = services
+        site = services.model.site
+        self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb)
+        self.bounds = floor_bounds(site.cloud_points_m, site.roads_m)
+        if self.cloud.shown_count < self.cloud.total_count:
+            _log.warning("%s", self.cloud.sentence)
+        self.embedded = EmbeddedViser()
+        self.views: dict[int, SessionView] = {}
+        self._unsubscribe: dict[int, object] = {}
+        self._trails: dict[str, Trail] = {}
+        self._silhouettes: dict[str, tuple[DepthImage, NDArray[np.uint8] | None]] = {}
+        server = self.embedded.server
+        _configure(server)
+        draw_map(server, self.cloud, self.bounds, services.model.network.polylines())
+        server.on_client_connect(self._connected)
+        server.on_client_disconnect(self._disconnected)
+        self._ticking = asyncio.run_coroutine_threadsafe(self._tick_for_ever(), self.embedded.loop)
+
+    def stop(self) -> None:
+        """End all windows and the scene's own thread."""
+        self._ticking.cancel()
+        self.embedded.stop()
+
+    # ----------------------------------------------------------------------------------------------- windows
+    async def _connected(self, client: viser.ClientHandle) -> None:
+        try:
+            person = self.embedded.visitor_of(client)
+        except KeyError:
+            return
+        view = SessionView(client, person, self._services, self.bounds, self.cloud)
+        loop = self.embedded.loop
+
+        def asked(request: ViewRequest) -> None:
+            loop.call_soon_threadsafe(view.take, request)
+
+        self.views[client.client_id] = view
+        self._unsubscribe[client.client_id] = self._services.views.subscribe(person.session_id, asked)
+
+    async def _disconnected(self, client: viser.ClientHandle) -> None:
+        self.views.pop(client.client_id, None)
+        unsubscribe = self._unsubscribe.pop(client.client_id, None)
+        if callable(unsubscribe):
+            unsubscribe()
+
+    # -------------------------------------------------------------------------------------------------- time
+    async def _tick_for_ever(self) -> None:
+        while True:
+            self.tick()
+            await asyncio.sleep(TICK_S)
+
+    def tick(self) -> None:
+        """Bring every window in line with model and hub. Called in the scene's loop."""
+        devices = {device.device_id: device for device in self._services.hub.devices()}
+        for device in devices.values():
+            if device.state is not None:
+                self._trails.setdefault(device.device_id, Trail()).add(device.state)
+        for view in tuple(self.views.values()):
+            try:
+                view.tick(self._live_view(devices.get(view.walker_panel.device_id or "")))
+            except Exception:
+                # One window that fails must not freeze the others.
+                _log.exception("A window of %s could not be brought up to date.", view.person.user_name)
+
+    def _live_view(self, device: LiveDevice | None) -> LiveView:
+        now_s = self._services.hub.now_s()
+        if device is None:
+            return LiveView(None, now_s)
+        trail = self._trails.get(device.device_id)
+        return LiveView(
+            device, now_s, self._silhouette(device), trail.points_m if trail is not None else np.zeros((0, 2))
+        )
+
+    def _silhouette(self, device: LiveDevice) -> NDArray[np.uint8] | None:
+        """Return the latest silhouette, decoded once for all windows."""
+        image = device.depth_image
+        if image is None:
+            return None
+        known = self._silhouettes.get(device.device_id)
+        if known is None or known[0] is not image:
+            known = self._silhouettes[device.device_id] = (image, decoded(image.jpeg))
+        return known[1]
+
+
+def decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
+    """Return a JPEG as an image (height, width, 3), red first; None where it cannot be read or is too large."""
+    try:
+        image = cv2.imdecode(np.frombuffer(jpeg, dtype=np.uint8), cv2.IMREAD_COLOR)
+    except cv2.error:
+        return None
+    if image is None or image.shape[0] * image.shape[1] > 1_000_000:
+        return None
+    return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
+
+
+def draw_map(
+    server: viser.ViserServer, cloud: ShownCloud, bounds: FloorBounds, road_lines_m: tuple[NDArray[np.float64], ...]
+) -> None:
+    """Draw the static map: cloud, ceiling, road and floor, each below a node that a window can hide for itself."""
+    scene = server.scene
+    for name, points, colours in (
+        ("/map/cloud", cloud.points_m, cloud.colours_rgb),
+        ("/map/ceiling", cloud.ceiling_points_m, cloud.ceiling_colours_rgb),
+    ):
+        scene.add_frame(name, show_axes=False)
+        if len(points):
+            scene.add_point_cloud(
+                f"{name}/points", points, colours, point_size=cloud.point_size_m, precision="float32",
+                point_shape="circle", point_shading="flat",
+            )  # fmt: skip
+    scene.add_frame("/map/road", show_axes=False)
+    pieces = [meshes.line_segments(meshes.simplified(line[:, :2], 0.02), _ROAD_Z_M) for line in road_lines_m]
+    segments = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
+    if len(segments):
+        scene.add_line_segments(
+            "/map/road/line", segments, look.ROAD, thickness=4.0, thickness_units="screen"
+        )  # fmt: skip
+    x_m, y_m = bounds.centre_m
+    scene.add_grid(
+        "/map/floor", width=bounds.width_m + 2.0, height=bounds.depth_m + 2.0, position=(x_m, y_m, -0.02),
+        cell_size=1.0, section_size=5.0, cell_color=look.GRID, section_color=look.GRID_SECTION, plane_color=look.FLOOR,
+        plane_opacity=1.0, shadow_opacity=0.0, fade_distance=400.0,
+    )  # fmt: skip
+    view = overview(bounds)
+    server.initial_camera.position = view.position_m
+    server.initial_camera.look_at = view.look_at_m
+
+
+def _configure(server: viser.ViserServer) -> None:
+    server.gui.configure_theme(
+        dark_mode=True, show_logo=False, show_share_button=False, control_width="medium", brand_color=look.BRAND
+    )
+    server.gui.set_panel_label("Virtual blind road")
+
+
+def install(app: FastAPI, services: Services, authenticate: Authenticate) -> Scene:
+    """Mount the scene of a console: page, WebSocket, windows. The application calls ``stop`` when it ends."""
+    scene = Scene(services)
+    mount(app, scene.embedded, authenticate, services.sockets, session_url="/api/session", sign_in_url="/signin")
+    return scene

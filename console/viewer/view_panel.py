@@ -1,0 +1,107 @@
+"""What is shown, and from where: layers and camera."""
+
+from __future__ import annotations
+
+import enum
+import math
+
+import numpy as np
+import viser
+
+from console.viewer.cloud import CameraView, FloorBounds, ShownCloud, overview, plan_view
+from console.viewer.live_view import LiveView
+from console.viewer.widgets import nothing, on_change, on_choice
+from console.viewer.wording import card
+
+_FOLLOW_BACK_M, _FOLLOW_UP_M = 4.5, 3.6
+
+
+class CameraMode(enum.Enum):
+    """Who moves the camera."""
+
+    FREE = "Free"
+    FOLLOW = "Follow the walker"
+
+
+class ViewPanel:
+    """Layers and camera of one client."""
+
+    def __init__(self, client: viser.ClientHandle, bounds: FloorBounds, cloud: ShownCloud) -> None:
+        self._client = client
+        self._bounds = bounds
+        self.mode = CameraMode.FREE
+        self._last_target_m: tuple[float, float] | None = None
+        gui = client.gui
+        self._camera = gui.add_button_group(
+            "Camera", ("Overview", "From above", "Follow"), hint="O: overview, F: follow the walker"
+        )
+        on_choice(
+            self._camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing
+        )
+        self._layers = {
+            name: client.scene.add_frame(name, show_axes=False, visible=shown)
+            for name, shown in (("/map/cloud", True), ("/map/ceiling", False), ("/map/road", True))
+        }
+        for name, word in (("/map/cloud", "Point cloud"), ("/map/ceiling", "Ceiling"), ("/map/road", "Road")):
+            self._add_layer(gui, self._layers[name], word)
+        self.lengths = gui.add_checkbox("Lengths", True)
+        self.details = gui.add_checkbox("What the walker's device sees", True)
+        gui.add_html(card(cloud.sentence))
+
+    @staticmethod
+    def _add_layer(gui: viser.GuiApi, layer: viser.FrameHandle, word: str) -> None:
+        box = gui.add_checkbox(word, layer.visible)
+
+        def toggle() -> None:
+            layer.visible = box.value
+
+        on_change(box, toggle, nothing)
+
+    def overview(self) -> None:
+        """Show the whole floor at an angle."""
+        self.mode = CameraMode.FREE
+        self._look(overview(self._bounds, self._aspect))
+
+    def from_above(self) -> None:
+        """Show the whole floor as a plan."""
+        self.mode = CameraMode.FREE
+        self._look(plan_view(self._bounds, self._aspect))
+
+    def follow(self) -> None:
+        """Keep behind the walker from now on, until another view is chosen."""
+        self.mode = CameraMode.FOLLOW
+        self._last_target_m = None
+
+    def fly_to(self, x_m: float, y_m: float) -> None:
+        """Look at a place of the floor from near."""
+        self.mode = CameraMode.FREE
+        self._look(CameraView((x_m, y_m - 5.0, 6.0), (x_m, y_m, 0.3)))
+
+    def tick(self, view: LiveView) -> None:
+        """Move the camera with the walker, where it follows."""
+        state = view.state
+        if self.mode is not CameraMode.FOLLOW or state is None or state.pose is None:
+            return
+        x_m, y_m, _, heading_rad = state.pose
+        if self._last_target_m is None:
+            back = np.array([math.cos(heading_rad), math.sin(heading_rad)]) * _FOLLOW_BACK_M
+            self._look(CameraView((x_m - back[0], y_m - back[1], _FOLLOW_UP_M), (x_m, y_m, 1.2)))
+        else:
+            # Moved along, not turned: the person's own orbit around the walker stays as it is.
+            step = np.array([x_m - self._last_target_m[0], y_m - self._last_target_m[1], 0.0])
+            if float(np.linalg.norm(step)) < 0.01:
+                return
+            camera = self._client.camera
+            with self._client.atomic():
+                camera.position, camera.look_at = camera.position + step, camera.look_at + step
+        self._last_target_m = (x_m, y_m)
+
+    @property
+    def _aspect(self) -> float:
+        return max(self._client.camera.aspect, 0.3)
+
+    def _look(self, view: CameraView) -> None:
+        camera = self._client.camera
+        with self._client.atomic():
+            camera.position = view.position_m
+            camera.look_at = view.look_at_m

@@ -1,0 +1,152 @@
+"""The walker's part of the panel: how they are, what was decided and why, where to guide them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import viser
+
+from console.errors import ForbiddenError
+from console.hub import DeviceHub
+from console.live import Freshness, LiveDevice
+from console.roles import EDITING, SignedIn
+from console.viewer.appearance import age_text
+from console.viewer.live_view import LiveView, direction_words, reason_sentence
+from console.viewer.widgets import nothing, on_change, on_choice, on_press, set_value
+from console.viewer.wording import status_card
+from navcore.errors import VbrError
+from navcore.planning.poi_graph import PoiGraph
+from navcore.wire import WalkerState
+
+Tell = Callable[[str, str], None]
+_NOWHERE = "– choose –"
+
+
+class WalkerPanel:
+    """Widgets about one device for one client."""
+
+    def __init__(self, client: viser.ClientHandle, hub: DeviceHub, person: SignedIn, tell: Tell) -> None:
+        self._hub = hub
+        self._person = person
+        self._tell = tell
+        self.device_id: str | None = None
+        self._names: dict[str, str] = {}
+        self._poi_ids: dict[str, str] = {}
+        gui = client.gui
+        self._devices = gui.add_dropdown("Walker", (_NOWHERE,), visible=False)
+        self._status = gui.add_html("")
+        self._may_guide = person.role in EDITING
+        self._target = gui.add_dropdown("Guide to", (_NOWHERE,), visible=self._may_guide)
+        self._guide = gui.add_button("Guide the walker there", icon=viser.Icon.NAVIGATION, visible=self._may_guide)
+        self._pause = gui.add_button_group("", ("Pause", "Resume", "Stop guiding"), visible=self._may_guide)
+        on_change(self._devices, self._choose_device, nothing)
+        on_press(self._guide, self._guide_there, nothing)
+        who = person.user_name
+        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop guiding": hub.clear}
+        on_choice(
+            self._pause,
+            {word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()},
+            nothing,
+        )
+
+    def _choose_device(self) -> None:
+        self.device_id = next((key for key, name in self._names.items() if name == self._devices.value), None)
+
+    def _guide_there(self) -> None:
+        poi_id = self._poi_ids.get(self._target.value)
+        if poi_id is None:
+            self._tell("No destination", "Choose a place first.")
+        else:
+            self.guide_to(poi_id)
+
+    def guide_to(self, poi_id: str) -> None:
+        """Ask the device to lead the walker to a place."""
+        self._command(lambda device_id: self._hub.set_destination(device_id, poi_id, self._person.user_name))
+
+    def _command(self, order: Callable[[str], object]) -> None:
+        try:
+            if not self._may_guide:
+                raise ForbiddenError("Your role may watch the walker, and not guide them: ask an editor.")
+            order(self.device_id or "")
+        except VbrError as error:
+            self._tell("Not sent", str(error))
+
+    def show(self, view: LiveView, devices: tuple[LiveDevice, ...], graph: PoiGraph) -> None:
+        """Bring the widgets in line with what is known now."""
+        self._show_devices(devices)
+        self._show_places(graph)
+        self._status.content = status(view, graph)
+        idle = view.device is None or not view.device.connected
+        self._guide.disabled = idle
+
+    def _show_devices(self, devices: tuple[LiveDevice, ...]) -> None:
+        names = {device.device_id: device.name for device in devices}
+        if len(set(names.values())) < len(names):
+            names = {device.device_id: f"{device.name} ({device.device_id})" for device in devices}
+        if names == self._names:
+            return
+        self._names = names
+        if self.device_id not in names:
+            self.device_id = next(iter(names), None)
+        self._devices.options = tuple(names.values()) or (_NOWHERE,)
+        self._devices.visible = len(names) > 1
+        if self.device_id is not None:
+            set_value(self._devices, names[self.device_id])
+
+    def choose(self, device_id: str) -> None:
+        """Show this device from now on."""
+        self.device_id = device_id
+        if device_id in self._names:
+            set_value(self._devices, self._names[device_id])
+
+    def _show_places(self, graph: PoiGraph) -> None:
+        poi_ids = {poi.name: poi.id for poi in sorted(graph.pois.values(), key=lambda poi: poi.name) if poi.on_road}
+        if poi_ids == self._poi_ids:
+            return
+        chosen = self._poi_ids.get(self._target.value)
+        self._poi_ids = poi_ids
+        self._target.options = (_NOWHERE, *poi_ids)
+        set_value(self._target, next((name for name, poi_id in poi_ids.items() if poi_id == chosen), _NOWHERE))
+
+
+def status(view: LiveView, graph: PoiGraph) -> str:
+    """Return how the walker is, as HTML."""
+    device, state = view.device, view.state
+    if device is None:
+        return status_card("lost", "No device has connected yet.", ())
+    if state is None:
+        return status_card("lost", f"{device.name} has sent no position yet.", ())
+    rows = [("Seen", age_text(view.age_s or 0.0) if view.freshness is not Freshness.LIVE else "now")]
+    rows += _state_rows(state, graph)
+    if device.commands and device.commands[-1].state != "running":
+        last = device.commands[-1]
+        rows.append(("Last order", f"{last.kind.replace('_', ' ')}: {last.refusal or last.state}"))
+    return status_card(view.freshness.value, _heading(state), rows)
+
+
+def _heading(state: WalkerState) -> str:
+    if state.action == "stop":
+        return f"Stop. {reason_sentence(state)}"
+    where = direction_words(state.direction_rad) if state.direction_rad is not None else ""
+    return f"{'Walk' if state.action == 'walk' else 'Turn'} {where}"
+
+
+def _state_rows(state: WalkerState, graph: PoiGraph) -> list[tuple[str, str]]:
+    quality = {"localized": "sure", "uncertain": "uncertain", "lost": "LOST"}[state.quality]
+    place = f" (± {state.position_std_m * 100:.0f} cm)" if state.position_std_m is not None else ""
+    target = graph.pois.get(state.destination_id or "")
+    rows = [("Guidance", state.mode), ("Position", quality + place)]
+    if target is not None:
+        left = f", {state.remaining_m:.1f} m to go" if state.remaining_m is not None else ""
+        rows.append(("Going to", target.name + left))
+    if state.deviation_m is not None:
+        rows.append(("Off the route by", f"{state.deviation_m:.2f} m"))
+    if state.last_cue:
+        rows.append(("Last heard", f"“{state.last_cue}”"))
+    rows.append(("Cycle", f"{state.cycle_ms:.0f} ms, {state.frame_rate_hz:.0f} Hz"))
+    return rows
+
+
+def _ordered(order: Callable[[str, str], object], who: str, device_id: str) -> object:
+    return order(device_id, who)

@@ -219,7 +219,7 @@ def measure(
             top = (1 - fx) * undistorted[y0, x0, c] + fx * undistorted[y0, x0 + 1, c]
             bottom = (1 - fx) * undistorted[y0 + 1, x0, c] + fx * undistorted[y0 + 1, x0 + 1, c]
             uvr[i, c] = (1 - fy) * top + fy * bottom
-        depth[i] = _depth_near(depth_m, uvr[i, 0], uvr[i, 1])
+        depth[i] = _depth_near(depth_m, raw_px[i, 0], raw_px[i, 1])
         uvr[i, 2] = uvr[i, 0] - bf_px_m / depth[i]
     return uvr, depth
 

@@ -1,9 +1,9 @@
 """The growing map: key frames, landmarks, and which key frame sees which landmark at which feature.
 
 Everything is held in flat arrays, so that searching, culling, fusing and adjusting are a few array operations or one
-kernel. The one source of truth for observations is ``landmark_of``: key frame k sees landmark ``landmark_of[k, f]`` at
-its feature f. Indices of key frames and landmarks are never reused; what is culled is marked in ``keyframe_alive`` and
-``landmark_alive``.
+kernel. Key frame k sees landmark ``landmark_of[k, f]`` at its feature f; :mod:`navcore.slam.observers` holds the same the
+other way round, so ``landmark_of`` is changed only by the methods here. Indices of key frames and landmarks are never
+reused; what is culled is marked in ``keyframe_alive`` and ``landmark_alive``.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
+from navcore.slam import observers
 from navcore.slam.descriptors import WordArray, as_words, bit_distance
 from navcore.slam.keyframes import (
     DESCRIPTOR_BYTES,
@@ -72,6 +73,9 @@ class MapBuilder:
         self._visible: IntArray = np.zeros(0, np.int32)
         self._found: IntArray = np.zeros(0, np.int32)
         self._first_keyframe: IntArray = np.zeros(0, np.int32)
+        self._observers: IntArray = np.zeros((0, 16, 2), np.int32)
+        self._observer_count: IntArray = np.zeros(0, np.int32)
+        self._octaves: NDArray[np.int8] = np.zeros((0, features_per_frame), np.int8)
 
     # ------------------------------------------------------------------------------------------- key frames
     @property
@@ -81,7 +85,7 @@ class MapBuilder:
 
     @property
     def landmark_of(self) -> IntArray:
-        """(K, F): landmark that each feature of each key frame shows, or NO_LANDMARK; write into it to (dis)connect."""
+        """(K, F): landmark that each feature of each key frame shows, or NO_LANDMARK. Read only: use :meth:`connect`."""
         return self._landmark_of[: len(self.keyframes)]
 
     @property
@@ -103,9 +107,10 @@ class MapBuilder:
             self._grow_keyframes(max(64, 2 * index))
         self.keyframes.append(KeyFrame(index, stamp_s, features))
         self._camera_from_world[index] = camera_from_world
-        self._landmark_of[index, : len(features)] = landmark_of
+        self._octaves[index, : len(features)] = features.octave
         self._keyframe_alive[index] = True
-        others, shared = self.covisible(index, 1)
+        self.connect(index, np.arange(len(features), dtype=np.int32), landmark_of)
+        others, _ = self.covisible(index, 1)
         self._parent[index] = others[0] if len(others) else self._last_alive_before(index)
         return index
 
@@ -117,10 +122,12 @@ class MapBuilder:
         """Cull a key frame; its children in the spanning tree go to its parent, its pose stays relative to that."""
         self._keyframe_alive[index] = False
         parent = int(self._parent[index])
-        self._culled_from_parent[index] = self._camera_from_world[index] @ np.linalg.inv(self._camera_from_world[parent])
+        world_from_parent = np.linalg.inv(self._camera_from_world[parent])
+        self._culled_from_parent[index] = self._camera_from_world[index] @ world_from_parent
         children = np.flatnonzero(self.parent == index)
         self._parent[children[self._keyframe_alive[children]]] = parent
-        self._landmark_of[index] = NO_LANDMARK
+        features = np.flatnonzero(self._landmark_of[index] >= 0).astype(np.int32)
+        self.disconnect(np.full(len(features), index, np.int32), features)
 
     def pose_of(self, index: int) -> FloatArray:
         """Return camera_from_world (4, 4) of a key frame, also of a culled one (relative to its living ancestor)."""
@@ -135,7 +142,9 @@ class MapBuilder:
 
         Ties go to the younger.
         """
-        shared = _shared_landmarks(self._landmark_of[: len(self.keyframes)], index, self._landmark_count)
+        shared = observers.seen_by_each(
+            self._observers, self._observer_count, self._landmark_of[index], len(self.keyframes)
+        )
         shared[index] = 0
         shared[~self.keyframe_alive] = 0
         others = np.flatnonzero(shared >= max(1, min_shared)).astype(np.int32)
@@ -144,9 +153,9 @@ class MapBuilder:
 
     def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
         """Return the living key frames that see any of the landmarks, best first, and how many of them each sees."""
-        chosen = np.zeros(self._landmark_count, np.bool_)
-        chosen[landmarks] = True
-        counts = _count_chosen(self.landmark_of, chosen)
+        counts = observers.seen_by_each(
+            self._observers, self._observer_count, landmarks.astype(np.int32), len(self.keyframes)
+        )
         counts[~self.keyframe_alive] = 0
         seeing = np.flatnonzero(counts).astype(np.int32)
         order = np.lexsort((-seeing, -counts[seeing]))
@@ -218,22 +227,41 @@ class MapBuilder:
         self._visible[new] = 1
         self._found[new] = 1
         self._first_keyframe[new] = keyframe
-        self._landmark_of[keyframe, features] = new
+        self.connect(keyframe, features, new)
         return new
+
+    def connect(self, keyframe: int, features: IntArray, landmarks: IntArray) -> None:
+        """Let a key frame see ``landmarks`` (n,) at its ``features`` (n,), in place of what it saw there."""
+        landmarks = landmarks.astype(np.int32)
+        shown = landmarks[landmarks >= 0]
+        if len(shown) == 0 and not len(self._reach):
+            return
+        self._make_room(int(self._observer_count[shown].max(initial=0)) + 2)
+        observers.connect(
+            self._observers, self._observer_count, self._landmark_of, keyframe, features.astype(np.int32), landmarks
+        )
+
+    def disconnect(self, keyframes: IntArray, features: IntArray) -> None:
+        """Take away what each feature (n,) of each key frame (n,) shows."""
+        observers.disconnect(
+            self._observers,
+            self._observer_count,
+            self._landmark_of,
+            keyframes.astype(np.int32),
+            features.astype(np.int32),
+        )
 
     def remove_landmarks(self, landmarks: IntArray) -> None:
         """Cull landmarks and all their observations."""
         self._landmark_alive[landmarks] = False
-        gone = ~self.landmark_alive
-        _forget(self.landmark_of, gone)
+        observers.clear(self._observers, self._observer_count, self._landmark_of, landmarks.astype(np.int32))
 
     def fuse_landmarks(self, old: IntArray, new: IntArray) -> None:
         """Replace landmarks ``old`` (n,) by ``new`` (n,) everywhere.
 
-        Chains (a → b, b → c) are followed; where a key frame would see the survivor at two features, the first
-        feature keeps it.
+        Chains (a → b, b → c) are followed; a key frame that would see the survivor at two features keeps one.
         """
-        survivor = np.arange(self._landmark_count, dtype=np.int32)
+        survivor: dict[int, int] = {}
         for source, target in zip(old.tolist(), new.tolist(), strict=True):
             source_root, target_root = _root(survivor, source), _root(survivor, target)
             if source_root == target_root:
@@ -242,13 +270,18 @@ class MapBuilder:
             self._visible[target_root] += self._visible[source_root]
             self._found[target_root] += self._found[source_root]
             self._landmark_alive[source_root] = False
-        for source in set(old.tolist()):
-            survivor[source] = _root(survivor, source)
-        _relabel(self.landmark_of, survivor)
+            self._make_room(int(self._observer_count[source_root] + self._observer_count[target_root]))
+            observers.hand_over(self._observers, self._observer_count, self._landmark_of, source_root, target_root)
 
     def observation_counts(self) -> IntArray:
-        """Return in how many living key frames each landmark is seen (N,)."""
-        return _observation_counts(self.landmark_of, self._landmark_count)
+        """Return in how many living key frames each landmark is seen (N,). Read only."""
+        return self._observer_count[: self._landmark_count]
+
+    def redundancy(self, keyframe: int, others_needed: int) -> tuple[int, int]:
+        """Return how many landmarks a key frame sees, and how many of them enough others see about as well."""
+        return observers.redundancy(
+            self._observers, self._observer_count, self._octaves, self._landmark_of[keyframe], keyframe, others_needed
+        )
 
     def observations(self, keyframes: IntArray, chosen_landmarks: BoolArray | None = None) -> Observations:
         """Return the observations that key frames (k,) make, of all living or of the chosen (N,) landmarks."""
@@ -308,6 +341,7 @@ class MapBuilder:
     def _grow_keyframes(self, capacity: int) -> None:
         self._camera_from_world = _grown(self._camera_from_world, capacity, 0.0)
         self._landmark_of = _grown(self._landmark_of, capacity, NO_LANDMARK)
+        self._octaves = _grown(self._octaves, capacity, 0)
         self._keyframe_alive = _grown(self._keyframe_alive, capacity, False)
         self._parent = _grown(self._parent, capacity, -1)
         self._culled_from_parent = _grown(self._culled_from_parent, capacity, 0.0)
@@ -321,6 +355,14 @@ class MapBuilder:
         self._visible = _grown(self._visible, capacity, 0)
         self._found = _grown(self._found, capacity, 0)
         self._first_keyframe = _grown(self._first_keyframe, capacity, -1)
+        self._observers = _grown(self._observers, capacity, 0)
+        self._observer_count = _grown(self._observer_count, capacity, 0)
+
+    def _make_room(self, width: int) -> None:
+        if width > self._observers.shape[1]:
+            wider = np.zeros((len(self._observers), 2 * width, 2), np.int32)
+            wider[:, : self._observers.shape[1]] = self._observers
+            self._observers = wider
 
 
 def _grown(array: NDArray[np.generic], capacity: int, fill: float) -> NDArray:  # type: ignore[type-arg]
@@ -329,67 +371,13 @@ def _grown(array: NDArray[np.generic], capacity: int, fill: float) -> NDArray:  
     return grown
 
 
-def _root(survivor: IntArray, landmark: int) -> int:
-    while survivor[landmark] != landmark:
-        landmark = int(survivor[landmark])
+def _root(survivor: dict[int, int], landmark: int) -> int:
+    while landmark in survivor:
+        landmark = survivor[landmark]
     return landmark
 
 
 # --------------------------------------------------------------------------------------------------- kernels
-@kernel
-def _shared_landmarks(landmark_of: IntArray, index: int, landmark_count: int) -> IntArray:
-    chosen = np.zeros(landmark_count, np.bool_)
-    for feature in range(landmark_of.shape[1]):
-        if landmark_of[index, feature] >= 0:
-            chosen[landmark_of[index, feature]] = True
-    return _count_chosen(landmark_of, chosen)
-
-
-@kernel
-def _count_chosen(landmark_of: IntArray, chosen: BoolArray) -> IntArray:
-    counts = np.zeros(landmark_of.shape[0], np.int32)
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            landmark = landmark_of[k, f]
-            if landmark >= 0 and chosen[landmark]:
-                counts[k] += 1
-    return counts
-
-
-@kernel
-def _observation_counts(landmark_of: IntArray, landmark_count: int) -> IntArray:
-    counts = np.zeros(landmark_count, np.int32)
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            if landmark_of[k, f] >= 0:
-                counts[landmark_of[k, f]] += 1
-    return counts
-
-
-@kernel
-def _forget(landmark_of: IntArray, gone: BoolArray) -> None:
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            if landmark_of[k, f] >= 0 and gone[landmark_of[k, f]]:
-                landmark_of[k, f] = NO_LANDMARK
-
-
-@kernel
-def _relabel(landmark_of: IntArray, survivor: IntArray) -> None:
-    last_seen_by = np.full(len(survivor), -1, np.int32)
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            landmark = landmark_of[k, f]
-            if landmark < 0:
-                continue
-            landmark = survivor[landmark]
-            if last_seen_by[landmark] == k:
-                landmark_of[k, f] = NO_LANDMARK
-            else:
-                last_seen_by[landmark] = k
-                landmark_of[k, f] = landmark
-
-
 @kernel
 def _refresh(
     landmark: IntArray,

@@ -60,6 +60,7 @@ class Mapper:
         self._last: Track | None = None
         self._before_last: Track | None = None
         self._reference = -1
+        self._most_tracked = 0
         self._last_keyframe_s = 0.0
 
     def add(self, frame: Frame) -> bool:
@@ -131,24 +132,20 @@ class Mapper:
 
     # -------------------------------------------------------------------------------------------- key frames
     def _is_keyframe_due(self, track: Track) -> bool:
-        landmarks = track.landmarks
-        counts = self.builder.observation_counts()
-        reference = self.builder.landmark_of[self._reference]
-        reference = reference[reference >= 0]
-        min_observations = 2 if np.count_nonzero(self.builder.keyframe_alive) <= 2 else 3
-        in_reference = int(np.count_nonzero(counts[reference] >= min_observations))
+        count = track.inlier_count
+        self._most_tracked = max(self._most_tracked, count)
         close = np.nan_to_num(track.features.depth_m, nan=np.inf) < CLOSE_DEPTH_M
         tracked_close = int(np.count_nonzero(close & (track.landmark_of >= 0)))
         new_close = int(np.count_nonzero(close & (track.landmark_of < 0)))
         needs_close = tracked_close < 100 and new_close > 70
         late = track.stamp_s - self._last_keyframe_s > MAX_KEYFRAME_INTERVAL_S
-        few = len(landmarks) < KEYFRAME_RATIO * in_reference
-        return late or needs_close or few
+        return late or needs_close or count < KEYFRAME_RATIO * self._most_tracked
 
     def _insert_keyframe(self, track: Track) -> Track:
         builder = self.builder
         index = builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._last_keyframe_s = track.stamp_s
+        self._most_tracked = 0
         builder.refresh_landmarks(track.landmarks)
         mapping.cull_young_landmarks(builder, index)
         mapping.add_landmarks_from_depth(builder, index)

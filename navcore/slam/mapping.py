@@ -9,10 +9,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.bundle_adjustment import bundle_adjust
-from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
+from navcore.slam.keyframes import Features, IntArray
 from navcore.slam.map import BoolArray, MapBuilder
 from navcore.slam.matching import DISTANCE_STRICT, match_projected, project_landmarks
 from navcore.slam.tracking import SCALES
@@ -114,8 +113,8 @@ def project_and_fuse(
     landmarks, match, uvr = landmarks[matched], match[matched], uvr[matched]
     agrees = _agrees(features, match, uvr)
     landmarks, match = landmarks[agrees], match[agrees]
-    there = row[match]
-    row[match[there < 0]] = landmarks[there < 0]
+    there = row[match].copy()
+    builder.connect(keyframe, match[there < 0], landmarks[there < 0])
     old, new = landmarks[there >= 0], there[there >= 0]
     counts = builder.observation_counts()
     swap = counts[old] > counts[new]
@@ -177,7 +176,7 @@ def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
     builder.camera_from_world[keyframes] = result.poses
     builder.positions[landmarks] = result.points
     wrong = ~result.inlier
-    builder.landmark_of[seen.keyframe[wrong], seen.feature[wrong]] = NO_LANDMARK
+    builder.disconnect(seen.keyframe[wrong], seen.feature[wrong])
     counts = builder.observation_counts()
     unseen = landmarks[counts[landmarks] == 0]
     if len(unseen):
@@ -189,46 +188,13 @@ def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
 def cull_redundant_keyframes(builder: MapBuilder, keyframe: int) -> int:
     """Cull neighbours of a key frame whose landmarks others show as well; return how many."""
     neighbours, _ = builder.covisible(keyframe, 15)
-    octaves = builder_octaves(builder)
     culled = 0
     protected = {0, keyframe, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
     for neighbour in neighbours.tolist():
         if neighbour in protected:
             continue
-        seen, redundant = _redundant(builder.landmark_of, octaves, neighbour, builder.landmark_count)
+        seen, redundant = builder.redundancy(neighbour, 3)
         if seen and redundant > REDUNDANT_SHARE * seen:
             builder.remove_keyframe(neighbour)
             culled += 1
     return culled
-
-
-def builder_octaves(builder: MapBuilder) -> IntArray:
-    """Return the octave of every feature of every key frame (K, F), 0 where there is none."""
-    octaves = np.zeros(builder.landmark_of.shape, np.int32)
-    for keyframe in builder.keyframes:
-        octaves[keyframe.index, : len(keyframe.features)] = keyframe.features.octave
-    return octaves
-
-
-@kernel
-def _redundant(landmark_of: IntArray, octaves: IntArray, index: int, landmark_count: int) -> tuple[int, int]:
-    """Return how many landmarks a key frame sees, and how many of them three others see at a similar or finer scale."""
-    octave_here = np.full(landmark_count, -1, np.int32)
-    seen = 0
-    for f in range(landmark_of.shape[1]):
-        if landmark_of[index, f] >= 0:
-            octave_here[landmark_of[index, f]] = octaves[index, f]
-            seen += 1
-    others = np.zeros(landmark_count, np.int32)
-    for k in range(landmark_of.shape[0]):
-        if k == index:
-            continue
-        for f in range(landmark_of.shape[1]):
-            landmark = landmark_of[k, f]
-            if landmark >= 0 and octave_here[landmark] >= 0 and octaves[k, f] <= octave_here[landmark] + 1:
-                others[landmark] += 1
-    redundant = 0
-    for landmark in range(landmark_count):
-        if octave_here[landmark] >= 0 and others[landmark] >= 3:
-            redundant += 1
-    return seen, redundant

@@ -1,4 +1,4 @@
-"""A building as data: its places, what is seen of it, what is bumped into, and how a sighted person walks through it."""
+"""A building as data: its places, what is seen of it, what is bumped into, how a sighted person walks through it."""
 
 from __future__ import annotations
 

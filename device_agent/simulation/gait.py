@@ -47,6 +47,10 @@ class HeadMount:
     pitch_down_deg: float = 15.0
 
 
+USUAL_GAIT = Gait()
+USUAL_MOUNT = HeadMount()
+
+
 def advance_phase(phase_rad: float, speed_mps: float, dt_s: float, gait: Gait) -> float:
     """Return the phase of the stride (two steps are 2π) after a while at a speed; slow walking takes slower steps."""
     share = min(1.0, speed_mps / gait.full_speed_mps)
@@ -61,8 +65,8 @@ def head_pose(
     time_s: float,
     phase_rad: float,
     speed_mps: float,
-    gait: Gait = Gait(),
-    mount: HeadMount = HeadMount(),
+    gait: Gait = USUAL_GAIT,
+    mount: HeadMount = USUAL_MOUNT,
 ) -> Transform:
     """Return ``world_from_camera`` of the head of somebody whose body is at (x, y) and faces a heading."""
     share = min(1.0, max(0.0, speed_mps / gait.full_speed_mps))

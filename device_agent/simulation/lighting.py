@@ -54,7 +54,7 @@ def grid_layout(planes: SurfaceArrays) -> LightGrid:
 def light_building(
     planes: SurfaceArrays, scene: RayScene, shining: NDArray[np.bool_], lamps_m: Sequence[tuple[float, float, float]]
 ) -> LightGrid:
-    """Compute the light of every spot; ``shining`` (s,) marks surfaces that need none, ``lamps_m`` are lamps' centres."""
+    """Compute the light of every spot; ``shining`` (s,) marks surfaces that need none, ``lamps_m`` are centres."""
     grid = grid_layout(planes)
     spots, normals, surface_of = _spots(planes, grid)
     light = AMBIENT * _openness(scene, spots, normals) + LAMP_STRENGTH * _lamp_light(scene, spots, normals, lamps_m)
@@ -89,7 +89,7 @@ def _openness(scene: RayScene, spots: F32, normals: F32) -> F32:
         # A unit vector added to the normal is distributed as the cosine (Lambert). All spots use the same vectors, so
         # that the error is the same for neighbours and no blotches appear.
         free += ~scene.blocked(rays_from(spots, (normals + 0.98 * towards) * OPEN_REACH_M))
-    return free / OPEN_RAYS
+    return free / np.float32(OPEN_RAYS)
 
 
 def _even_directions(count: int) -> F32:

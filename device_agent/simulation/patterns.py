@@ -26,11 +26,12 @@ def colour_of(label: str) -> Colour:
 
 def finished(image: NDArray[np.floating]) -> Image:
     """Round and clip to uint8."""
-    return np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    clipped: Image = np.clip(np.rint(image), 0, 255).astype(np.uint8)
+    return clipped
 
 
 def cloud(rng: Rng, width_px: int, height_px: int, cell_px: float, octaves: int = 1) -> Field:
-    """Return smooth noise (h, w), about −1 to 1, whose spots are ``cell_px`` wide, with finer octaves at half strength."""
+    """Return smooth noise (h, w), about −1 to 1, with spots ``cell_px`` wide; finer octaves have half the strength."""
     total = np.zeros((height_px, width_px), np.float32)
     strength, cell = 1.0, cell_px
     for _ in range(octaves):

@@ -68,7 +68,11 @@ class RayScene:
             return
         corners = np.array([surface.corners for surface in surfaces], np.float32).reshape(-1, 3)
         first = 4 * np.arange(len(surfaces), dtype=np.uint32)[:, None]
-        triangles = np.stack([first + [0, 1, 2], first + [0, 2, 3]], axis=1).reshape(-1, 3).astype(np.uint32)
+        triangles = (
+            np.stack([first + np.array(half) for half in ((0, 1, 2), (0, 2, 3))], axis=1)
+            .reshape(-1, 3)
+            .astype(np.uint32)
+        )
         self._scene.add_triangles(self._tensor.from_numpy(corners), self._tensor.from_numpy(triangles))
 
     def cast(self, rays: F32) -> tuple[F32, I32]:

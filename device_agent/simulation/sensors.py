@@ -2,7 +2,7 @@
 
 The depth camera is modelled on the Intel RealSense D435 (data sheet of the D400 series, and A. Grunnet-Jepsen et al.,
 "Tuning depth cameras for best performance", Intel): two imagers 50 mm apart, depth = f B / disparity, disparity known
-to a few hundredths of a pixel and reported in steps of 1/32 px, so that the error grows with the square of the distance.
+to a few hundredths of a pixel and reported in steps of 1/32 px, so that the error grows with the distance squared.
 """
 
 from __future__ import annotations
@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from scipy import ndimage, special
 
 from device_agent.simulation.renderer import View
-from device_agent.simulation.shading import F32, U8
-from device_agent.simulation.textures import Material
-from navcore.compiled import kernel
+from device_agent.simulation.sensor_noise import spoil_colour, spoil_depth
+from device_agent.simulation.shading import F32
 from navcore.errors import InputError
 from navcore.types import CameraIntrinsics, Frame, ImageRgb
 
@@ -71,6 +70,8 @@ class ColourNoise:
     """Time of exposure: what moves meanwhile is smeared."""
 
 
+USUAL_DEPTH_NOISE = DepthNoise()
+USUAL_COLOUR_NOISE = ColourNoise()
 NO_DEPTH_NOISE = DepthNoise(
     disparity_sigma_px=0.0,
     disparity_step_px=1e-6,
@@ -94,14 +95,14 @@ def head_camera(width_px: int = 320, height_px: int = 240, hfov_deg: float = HFO
 
 
 class CameraModel:
-    """Turns perfect views into frames as a real camera would give them. The same seed and number give the same frame."""
+    """Turns perfect views into frames as a real camera gives them. The same seed and number give the same frame."""
 
     def __init__(
         self,
         camera: CameraIntrinsics,
         seed: int,
-        depth_noise: DepthNoise = DepthNoise(),
-        colour_noise: ColourNoise = ColourNoise(),
+        depth_noise: DepthNoise = USUAL_DEPTH_NOISE,
+        colour_noise: ColourNoise = USUAL_COLOUR_NOISE,
     ) -> None:
         self.camera = camera
         self._seed = seed
@@ -148,11 +149,11 @@ class CameraModel:
 
     def _colour(self, view: View, rng: np.random.Generator, motion_px: tuple[float, float]) -> ImageRgb:
         noise = self._colour_noise
-        image = view.colour_rgb
+        image: ImageRgb = view.colour_rgb
         if noise.optics_sigma_px > 0.0:
-            image = cv2.GaussianBlur(image, (3, 3), noise.optics_sigma_px)
+            image = cv2.GaussianBlur(image, (3, 3), noise.optics_sigma_px).astype(np.uint8, copy=False)
         if math.hypot(*motion_px) > 0.7:
-            image = cv2.filter2D(image, -1, _line_kernel(motion_px))
+            image = cv2.filter2D(image, -1, _line_kernel(motion_px)).astype(np.uint8, copy=False)
         gain = 1.0 + noise.exposure_sigma * float(rng.standard_normal())
         out = np.empty_like(view.colour_rgb)
         grains = [self._crop(self._fine, rng) for _ in range(3)]
@@ -183,93 +184,3 @@ def _line_kernel(motion_px: tuple[float, float]) -> NDArray[np.float32]:
         mask[half + row, half + column] += 1.0
     line: NDArray[np.float32] = mask / mask.sum()
     return line
-
-
-@kernel
-def spoil_colour(
-    image: U8, red: F32, green: F32, blue: F32, gain: float, read_sigma: float, shot_sigma: float, out: U8
-) -> None:
-    """Fill ``out`` (h, w, 3): exposure gain, noise of the read-out and of the light; noise fields (h, w), standard normal."""
-    for v in range(image.shape[0]):
-        for u in range(image.shape[1]):
-            for c in range(3):
-                value = gain * image[v, u, c]
-                grain = red[v, u] if c == 0 else (green[v, u] if c == 1 else blue[v, u])
-                value += grain * math.sqrt(read_sigma * read_sigma + shot_sigma * shot_sigma * value / 255.0)
-                out[v, u, c] = np.uint8(min(255.0, max(0.0, value + 0.5)))
-
-
-@kernel
-def spoil_depth(
-    depth: F32,
-    incidence: F32,
-    material: U8,
-    fine: F32,
-    coarse: F32,
-    blobs: F32,
-    focal_px: float,
-    focal_baseline: float,
-    sigma_px: float,
-    step_px: float,
-    correlated: float,
-    min_m: float,
-    max_m: float,
-    grazing: float,
-    shiny_missing: float,
-    lit_missing: float,
-    random_missing: float,
-    edge_missing: float,
-    out: F32,
-) -> None:
-    """Fill ``out`` (h, w) with what the depth camera reports for the true depth; NaN where it reports nothing.
-
-    ``fine`` and ``coarse`` are standard normal, ``blobs`` is uniform in 0–1 and smooth, all (h, w). The parameters are
-    those of :class:`DepthNoise`.
-    """
-    rows, columns = depth.shape
-    white = math.sqrt(1.0 - correlated * correlated)
-    # Registration to the colour image: what the second imager does not see, left of a near edge, has no depth.
-    own_baseline = focal_baseline / 424.0 * focal_px
-    for v in range(rows):
-        nearest_right = np.inf
-        for u in range(columns - 1, -1, -1):
-            z = depth[v, u]
-            out[v, u] = np.nan
-            if not z < max_m:
-                nearest_right = min(nearest_right, float(u))
-                continue
-            seen_at = u - own_baseline / z
-            hidden = edge_missing > 0.0 and seen_at > nearest_right + 0.5
-            nearest_right = min(nearest_right, seen_at)
-            if hidden:
-                continue
-            missing = random_missing
-            if incidence[v, u] < grazing:
-                missing += (1.0 - incidence[v, u] / grazing) * 0.9
-            if material[v, u] == SHINY:
-                missing += shiny_missing
-            elif material[v, u] == LIT:
-                missing += lit_missing
-            if blobs[v, u] < missing:
-                continue
-            if edge_missing > 0.0 and 0 < u < columns - 1 and 0 < v < rows - 1:
-                near = min(min(depth[v, u - 1], depth[v, u + 1]), min(depth[v - 1, u], depth[v + 1, u]))
-                # A slanted plane is no edge: its depth goes on as steeply on the other side.
-                if near < 0.93 * z and z - near > 0.05 and incidence[v, u] > 0.25:
-                    if blobs[rows - 1 - v, u] < edge_missing:
-                        continue
-                    z = near + (z - near) * blobs[v, columns - 1 - u]
-            if z < min_m:
-                # Too near: matched wrongly, reported near if at all.
-                if blobs[v, u] < 0.5:
-                    continue
-                z = min_m * (0.6 + 0.5 * blobs[v, u])
-            disparity = focal_baseline / z + sigma_px * (correlated * coarse[v, u] + white * fine[v, u])
-            disparity = max(step_px, math.floor(disparity / step_px + 0.5) * step_px)
-            measured = focal_baseline / disparity
-            if measured < max_m:
-                out[v, u] = measured
-
-
-SHINY = int(Material.SHINY)
-LIT = int(Material.LIT)

@@ -155,4 +155,4 @@ def _light(light: F32, begin: int, columns: int, rows: int, x: float, y: float) 
     x1, y1 = min(x0 + 1, columns - 1), min(y0 + 1, rows - 1)
     top = light[begin + y0 * columns + x0] * (1 - ax) + light[begin + y0 * columns + x1] * ax
     bottom = light[begin + y1 * columns + x0] * (1 - ax) + light[begin + y1 * columns + x1] * ax
-    return top * (1 - ay) + bottom * ay
+    return float(top * (1 - ay) + bottom * ay)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass, replace
 
@@ -30,8 +31,8 @@ class Surface:
     def normal(self) -> FloatArray:
         """Unit vector (3,) towards the visible side."""
         a, b, _, d = np.asarray(self.corners, dtype=np.float64)
-        normal: FloatArray = np.cross(b - a, d - a)
-        return normal / np.linalg.norm(normal)
+        normal = np.asarray(np.cross(b - a, d - a), np.float64)
+        return normal / float(np.linalg.norm(normal))
 
     @property
     def size_m(self) -> tuple[float, float]:
@@ -170,7 +171,7 @@ def column(
             ),
             texture,
         )
-        for (ax, ay), (bx, by) in zip(ring, ring[1:], strict=False)
+        for (ax, ay), (bx, by) in itertools.pairwise(ring)
     ]
     for k in range(1, sides - 1, 2):
         lid = [ring[0], ring[k], ring[k + 1], ring[k + 2 if k + 2 < sides else 0]]

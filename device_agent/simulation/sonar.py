@@ -38,6 +38,9 @@ class SonarNoise:
     ray_count: int = 40
 
 
+USUAL_SONAR_NOISE = SonarNoise()
+
+
 class SonarModel:
     """Measures in one building; glass reflects sound. The same seed and number give the same reading."""
 
@@ -46,7 +49,7 @@ class SonarModel:
         surfaces: Sequence[Surface],
         movers: Sequence[Sequence[Surface]] = (),
         seed: int = 0,
-        noise: SonarNoise = SonarNoise(),
+        noise: SonarNoise = USUAL_SONAR_NOISE,
     ) -> None:
         self._noise = noise
         self._seed = seed

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device_agent.simulation import patterns, prints
+from device_agent.simulation import patterns, posters, prints
 from device_agent.simulation.patterns import Image, Rng
 from device_agent.simulation.shapes import Surface
 from navcore.errors import InputError
@@ -61,8 +61,8 @@ PATTERNS: dict[str, Pattern] = {
     "ceiling": Pattern(patterns.ceiling, 60, 2.4),
     "leaf": Pattern(patterns.leaf, 200),
     "lamp": Pattern(patterns.lamp, 40, material=Material.LIT),
-    "poster": Pattern(prints.poster, 330),
-    "notice": Pattern(prints.notice_board, 280),
+    "poster": Pattern(posters.poster, 330),
+    "notice": Pattern(posters.notice_board, 280),
     "sign": Pattern(prints.sign, 400),
     "exit": Pattern(prints.exit_sign, 300, material=Material.LIT),
     "door": Pattern(prints.door, 190),
@@ -100,7 +100,10 @@ class TextureAtlas:
 
 
 def texture_key(surface: Surface) -> tuple[str, int, int]:
-    """Return what tells textures apart: the name, and the size in pixels at level 0. Raises InputError for an unknown kind."""
+    """Return what tells textures apart: the name, and the size in pixels at level 0.
+
+    Raises InputError for an unknown kind.
+    """
     kind = surface.texture.split("/", 1)[0]
     if kind not in PATTERNS:
         raise InputError(f"There is no texture of kind {kind!r}: use one of {', '.join(sorted(PATTERNS))}.")
@@ -157,8 +160,7 @@ def paint_texture(key: tuple[str, int, int], seed: int) -> Image:
 
 def _packed(image: Image) -> NDArray[np.uint32]:
     flat = image.reshape(-1, 3).astype(np.uint32)
-    packed: NDArray[np.uint32] = flat[:, 0] | flat[:, 1] << 8 | flat[:, 2] << 16
-    return packed
+    return (flat[:, 0] | flat[:, 1] << 8 | flat[:, 2] << 16).astype(np.uint32)
 
 
 def _mip_levels(image: Image) -> list[Image]:

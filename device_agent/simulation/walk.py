@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from device_agent.simulation.building import Building
-from device_agent.simulation.gait import Gait, HeadMount, advance_phase, head_pose
+from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.marking import spoken_marks
 from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
@@ -47,9 +47,15 @@ class WalkStyle:
     """Standing still at the beginning and at the end."""
 
 
+CAREFUL_WALK = WalkStyle()
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkPlan:
-    """A walk as dense samples, ``_STEP_S`` apart: stamps (n,), positions (n, 2), headings (n,) without jumps, speeds (n,)."""
+    """A walk as dense samples, ``_STEP_S`` apart: stamps (n,), positions (n, 2), headings (n,) and speeds (n,).
+
+    Headings have no jumps.
+    """
 
     stamp_s: FloatArray
     position_m: FloatArray
@@ -67,7 +73,7 @@ class WalkPlan:
         return float(self.stamp_s[-1])
 
 
-def plan_walk(waypoints_m: tuple[tuple[float, float], ...], seed: int, style: WalkStyle = WalkStyle()) -> WalkPlan:
+def plan_walk(waypoints_m: tuple[tuple[float, float], ...], seed: int, style: WalkStyle = CAREFUL_WALK) -> WalkPlan:
     """Plan the walk through way points; it ends facing as it began. Raises InputError for fewer than two of them."""
     if len(waypoints_m) < 2:
         raise InputError("A walk needs at least two way points: name where it leads.")
@@ -84,7 +90,7 @@ def plan_walk(waypoints_m: tuple[tuple[float, float], ...], seed: int, style: Wa
         pieces.append(_turning(leg[-1, :3], turn_rad, style))
     pieces.append(_standing(pieces[-1][-1, :3], style.stand_s))
     samples = np.concatenate(pieces)
-    stamps = _STEP_S * np.arange(len(samples))
+    stamps: FloatArray = _STEP_S * np.arange(len(samples), dtype=np.float64)
     return WalkPlan(stamps, samples[:, :2], np.unwrap(samples[:, 2]), samples[:, 3])
 
 
@@ -186,7 +192,7 @@ def _standing(state: FloatArray, duration_s: float) -> FloatArray:
 
 
 def head_trajectory(
-    plan: WalkPlan, rate_hz: float, gait: Gait = Gait(), mount: HeadMount = HeadMount()
+    plan: WalkPlan, rate_hz: float, gait: Gait = USUAL_GAIT, mount: HeadMount = USUAL_MOUNT
 ) -> list[tuple[float, Transform]]:
     """Return the stamps of the captures at a frame rate, and ``world_from_camera`` at each."""
     if not 0.5 <= rate_hz <= 1.0 / _STEP_S:

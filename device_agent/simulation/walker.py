@@ -34,8 +34,9 @@ class WalkerParameters:
     """One person. :func:`drawn_walker` draws one from the ranges."""
 
     speed_mps: float = 0.85
-    """Preferred speed. Blind pedestrians: 0.6–1.1 m/s, slower than sighted ones and depending on the aid (D. Clark-Carter,
-    A. Heyes, C. Howarth, "The efficiency and walking speed of visually impaired people", Ergonomics 29, 1986)."""
+    """Preferred speed. Blind pedestrians: 0.6–1.1 m/s, slower than sighted ones and depending on the aid
+    (D. Clark-Carter, A. Heyes, C. Howarth, "The efficiency and walking speed of visually impaired people", Ergonomics
+    29, 1986)."""
     acceleration_mps2: float = 0.6
     """Gait initiation: the usual speed is reached within two or three steps."""
     braking_mps2: float = 1.2
@@ -43,8 +44,8 @@ class WalkerParameters:
     J. Neurophysiology 80, 1998)."""
     reaction_min_s: float = 0.3
     reaction_max_s: float = 0.9
-    """From the beginning of a sound to the beginning of the movement: simple reactions to sound take 0.15–0.3 s, choosing among
-    instructions and waiting for the next footfall takes the rest."""
+    """From the beginning of a sound to the beginning of the movement: simple reactions to sound take 0.15–0.3 s,
+    choosing among instructions and waiting for the next footfall takes the rest."""
     turn_rate_deg_s: float = 60.0
     """Turning on the spot."""
     steer_rate_deg_s: float = 40.0
@@ -52,13 +53,14 @@ class WalkerParameters:
     turn_gain: float = 1.0
     """This person's own gain of turning by an instructed angle."""
     turn_gain_sigma: float = 0.04
-    """Error of each turn, relative. Turns without vision err by several degrees (J. Loomis et al., "Nonvisual navigation by blind
-    and sighted: assessment of path integration ability", J. Exp. Psychology: General 122, 1993)."""
+    """Error of each turn, relative. Turns without vision err by several degrees (J. Loomis et al., "Nonvisual
+    navigation by blind and sighted: assessment of path integration ability", J. Exp. Psychology: General 122, 1993)."""
     tone_sigma_deg: float = 3.0
     """Error of hearing a tone's direction: a few degrees ahead of the listener (J. Blauert, "Spatial Hearing")."""
     veer_deg_per_sqrt_m: float = 1.3
-    """Random walk of the heading: about 1° a step (C. Kallie, P. Schrater, G. Legge, "Variability in stepping direction explains
-    the veering behavior of blind walkers", J. Exp. Psychology: HPP 33, 2007: variable error of single steps dominates)."""
+    """Random walk of the heading, here about 1° a step (C. Kallie, P. Schrater, G. Legge, "Variability in stepping
+    direction explains the veering behavior of blind walkers", J. Exp. Psychology: HPP 33, 2007: the variable error of
+    single steps dominates)."""
     veer_bias_deg_per_m: float = 0.0
     """Constant bend to one side (same source: consistent biases in step direction)."""
     silence_s: float = 1.5

@@ -9,9 +9,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from device_agent.simulation.building import Building, Place, push_from_solids, touchable
-from device_agent.simulation.gait import Gait, HeadMount, advance_phase, head_pose
+from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Renderer
-from device_agent.simulation.sensors import CameraModel, ColourNoise, DepthNoise, head_camera
+from device_agent.simulation.sensors import (
+    USUAL_COLOUR_NOISE,
+    USUAL_DEPTH_NOISE,
+    CameraModel,
+    ColourNoise,
+    DepthNoise,
+    head_camera,
+)
 from device_agent.simulation.sonar import SonarModel
 from device_agent.simulation.walker import WalkerBody, WalkerParameters, hear, step
 from navcore.cues.table import Cue
@@ -70,10 +77,10 @@ class SimulatedWorld:
         *,
         size_px: tuple[int, int] = (320, 240),
         start_s: float = 0.0,
-        gait: Gait = Gait(),  # noqa: B008 - frozen
-        mount: HeadMount = HeadMount(),  # noqa: B008 - frozen
-        depth_noise: DepthNoise = DepthNoise(),  # noqa: B008 - frozen
-        colour_noise: ColourNoise = ColourNoise(),  # noqa: B008 - frozen
+        gait: Gait = USUAL_GAIT,
+        mount: HeadMount = USUAL_MOUNT,
+        depth_noise: DepthNoise = USUAL_DEPTH_NOISE,
+        colour_noise: ColourNoise = USUAL_COLOUR_NOISE,
         renderer: Renderer | None = None,
     ) -> None:
         """``renderer`` may be shared by worlds in the same building, one after the other: building one takes seconds.

@@ -135,6 +135,8 @@ class CueSettings(_Group):
         1.0, 0.3, 1.4, step=0.1, source="the walker's own stop after 1.5 s of silence", safety=True
     )
     """Time between the heart-beats that say "walk" still holds."""
+    steer_interval_s: float = _setting(0.5, 0.2, 1.4, step=0.1, source="reaction time 0.3–0.9 s", safety=True)
+    """Time between steering tones while the direction is not straight ahead."""
     turn_repeat_s: float = _setting(3.0, 1.0, 10.0, step=0.5, source="navigation.md")
     """Time before an instruction that still holds is said again."""
     reassurance_m: float = _setting(10.0, 3.0, 50.0, step=1.0, source="Wayfindr")

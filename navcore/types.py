@@ -122,6 +122,8 @@ class RouteStop:
     name: str
     distance_m: float
     """Arc length from the start of the route."""
+    spoken_name: str = ""
+    """What the walker hears; the name where this is empty."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -39,6 +39,21 @@ class CueKind(enum.Enum):
     """A sentence from a person at the console, or a notice of the device (a sensor failed, a map was taken)."""
 
 
+PRIORITY: dict[CueKind, CuePriority] = {
+    CueKind.STOP: CuePriority.STOP,
+    CueKind.ARRIVED: CuePriority.STOP,
+    CueKind.OBSTACLE_BEEP: CuePriority.OBSTACLE,
+    CueKind.TURN: CuePriority.TURN,
+    CueKind.WALK: CuePriority.TURN,
+    CueKind.STEER: CuePriority.TURN,
+    CueKind.TICK: CuePriority.REASSURANCE,
+    CueKind.REASSURANCE: CuePriority.REASSURANCE,
+    CueKind.POI_AHEAD: CuePriority.POI,
+    CueKind.MESSAGE: CuePriority.OFF_ROAD,
+}
+"""The priority of each kind of cue."""
+
+
 @dataclass(frozen=True, slots=True)
 class Cue:
     """One thing to be heard now. Speech where there is a text; a tone where there is a frequency; both where both."""
@@ -57,3 +72,8 @@ class Cue:
     """Length of the tone."""
     pan: float = 0.0
     """Place of the tone between the ears: −1 left, +1 right."""
+
+    @property
+    def is_tone(self) -> bool:
+        """Whether this is a short sound without words."""
+        return not self.text

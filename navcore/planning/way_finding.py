@@ -114,7 +114,7 @@ class WayFinder:
         arc_length_m = arc_lengths_m(points)
         scale = float(arc_length_m[-1]) / arcs[-1] if arcs[-1] > 1e-9 else 1.0
         stops = tuple(
-            RouteStop(poi_id, self.graph.pois[poi_id].name, arc_m * scale)
+            RouteStop(poi_id, self.graph.pois[poi_id].name, arc_m * scale, self.graph.pois[poi_id].spoken_name)
             for poi_id, arc_m in zip(way.poi_ids, arcs, strict=True)
             if arc_m > _AT_POI_M or poi_id == way.poi_ids[-1]
         )

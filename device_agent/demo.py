@@ -1,0 +1,68 @@
+"""``vbr demo``: the whole product in a simulated building, from one command.
+
+The first start records the simulated sighted person's walk and builds the map from it; both are kept. Then the console
+and the device run as two processes that share nothing but the link; or, with ``--headless``, the walker walks without
+a browser, in lock step with the simulation, and the figures are printed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from device_agent.simulation_commands import picture_size
+
+EXIT_NOT_ARRIVED = 1
+
+
+def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add ``vbr demo``."""
+    parser = subparsers.add_parser("demo", help="simulated building, device and console in one")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        default=Path(".vbr/demo"),
+        metavar="DIR",
+        help="where the map is kept (default: %(default)s)",
+    )
+    parser.add_argument("--fresh", action="store_true", help="record and map the building again")
+    parser.add_argument("--seed", type=int, default=1, help="of the walker, the noise and the gait (default: 1)")
+    parser.add_argument("--size", type=picture_size, default=(320, 240), metavar="WxH", help="320x240 or 640x480")
+    parser.add_argument("--rate-hz", type=float, default=10.0, help="frames per second (default: %(default)g)")
+    parser.add_argument("--from", dest="start", default="Hall", metavar="PLACE", help="where the walker stands")
+    parser.add_argument("--port", type=int, default=8765, help="of the console; 0 takes any free one")
+    headless = parser.add_argument_group("without a browser")
+    headless.add_argument("--headless", action="store_true", help="walk without a browser, and print the figures")
+    headless.add_argument("--to", default="Wash room", metavar="PLACE", help="destination (default: %(default)s)")
+    headless.add_argument("--json", action="store_true", help="print the figures as JSON")
+    headless.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a setting")
+    headless.add_argument("--max-s", type=float, default=300.0, help="give up after this time of the simulation")
+    headless.add_argument("--wav", type=Path, metavar="FILE", help="write what the walker hears as a stereo WAV file")
+    parser.set_defaults(run=_run)
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    from device_agent.demo_site import prepare_demo_site
+
+    site = prepare_demo_site(arguments.data, arguments.size, arguments.rate_hz, fresh=arguments.fresh)
+    if arguments.headless:
+        return _walk(arguments, site)
+    from device_agent.demo_processes import run_live_demo
+
+    return run_live_demo(
+        arguments.data, site, arguments.port, arguments.seed, arguments.start, arguments.size, arguments.rate_hz
+    )
+
+
+def _walk(arguments: argparse.Namespace, site: Path) -> int:
+    from device_agent.demo_walk import walk_figures
+
+    figures = walk_figures(arguments, site)
+    if arguments.json:
+        sys.stdout.write(json.dumps(figures) + "\n")
+    else:
+        for name, value in figures.items():
+            sys.stdout.write(f"{name:>24}  {value}\n")
+    return 0 if figures["arrived"] and not figures["contacts"] else EXIT_NOT_ARRIVED

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
+from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S
 from console.live_panel import device_view
 from console.requests import signed_in
 from console.services import Services
@@ -56,6 +57,7 @@ def panel_view(services: Services, who: str) -> dict[str, Any]:
         "can_undo": model.can_undo(who),
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
+        "limits": {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S},
         "devices": [device_view(device, now_s) for device in services.hub.devices()],
     }
 

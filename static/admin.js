@@ -1,0 +1,87 @@
+import { get, patch, post } from "./api.js";
+import { $, ago, badge, el, setText } from "./dom.js";
+import { start } from "./shell.js";
+import { attempt } from "./toast.js";
+
+const ROLES = ["viewer", "editor", "technician", "admin"];
+await start();
+await refresh();
+
+async function refresh() {
+  const [{ users }, { tokens }, { audit }] = await Promise.all([get("/api/users"), get("/api/tokens"), get("/api/audit")]);
+  $("people").replaceChildren(...users.map(personRow));
+  $("no-tokens").hidden = tokens.length > 0;
+  $("tokens-wrap").hidden = tokens.length === 0;
+  $("tokens").replaceChildren(...tokens.map(tokenRow));
+  $("audit").replaceChildren(...audit.map((line) => el("tr", {}, el("td", { class: "number" }, new Date(line.at_s * 1000).toLocaleString()),
+    el("td", {}, line.who), el("td", {}, line.action.replaceAll("_", " ")), el("td", { class: "quiet small" }, line.detail))));
+}
+
+const doing = (work) => attempt(async () => { await work(); await refresh(); });
+
+function personRow(user) {
+  const role = el("select", { "aria-label": `Role of ${user.name}`, onchange: async () => {
+    if (!(await doing(() => patch(`/api/users/${user.id}`, { role: role.value })))) role.value = user.role;
+  } }, ...ROLES.map((name) => el("option", {}, name)));
+  role.value = user.role;
+  let state = badge("good", "●", "active");
+  if (user.disabled) state = badge("bad", "✕", "locked");
+  else if (!user.has_password) state = badge("info", "…", "invited");
+  return el("tr", {}, el("th", { scope: "row" }, user.name), el("td", {}, role), el("td", {}, state), el("td", { class: "actions" },
+    el("button", { type: "button", class: "plain slim", "aria-label": `New password link for ${user.name}`, onclick: () => newLink(user) }, "Password link"),
+    el("button", { type: "button", class: `plain slim ${user.disabled ? "" : "danger"}`, "aria-label": `${user.disabled ? "Unlock" : "Lock"} ${user.name}`, onclick: () => doing(() => patch(`/api/users/${user.id}`, { disabled: !user.disabled })) }, user.disabled ? "Unlock" : "Lock")));
+}
+
+function tokenRow(token) {
+  const seen = token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
+  const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
+  const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => doing(() => post("/api/tokens/revoke", { name: token.name })) }, "Revoke");
+  return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", {}, token.created_by), el("td", {}, seen), el("td", {}, state),
+    el("td", { class: "actions" }, token.revoked ? "" : revoke));
+}
+
+function showSecret(text, value) {
+  setText($("secret-text"), text);
+  $("secret-value").value = value;
+  $("secret").hidden = false;
+  $("secret-value").focus();
+  $("secret-value").select();
+}
+
+$("secret-copy").addEventListener("click", async () => {
+  $("secret-value").select();
+  await navigator.clipboard?.writeText($("secret-value").value).catch(() => {});
+  setText($("secret-copy"), "Copied");
+  setTimeout(() => setText($("secret-copy"), "Copy"), 2000);
+});
+
+function newLink(user) {
+  return doing(async () => {
+    const { link } = await post(`/api/users/${user.id}/link`);
+    showSecret(`Give this link to ${user.name}: it sets a new password, once, within 48 hours.`, link);
+  });
+}
+
+function form(id, problem, work) {
+  $(id).addEventListener("submit", async (event) => {
+    event.preventDefault();
+    setText($(problem), "");
+    try {
+      await work();
+      $(id).reset();
+      await refresh();
+    } catch (error) {
+      setText($(problem), error.message);
+    }
+  });
+}
+
+form("invite-form", "invite-problem", async () => {
+  const { user, link } = await post("/api/users", { name: $("invite-name").value, role: $("invite-role").value });
+  showSecret(`Give this link to ${user.name}: it lets them choose a password, once, within 48 hours.`, link);
+});
+
+form("token-form", "token-problem", async () => {
+  const { name, token } = await post("/api/tokens", { name: $("token-name").value });
+  showSecret(`This is the token of ${name}. It is shown only now; an earlier one of this name is void.`, token);
+});

@@ -1,0 +1,60 @@
+/* The stream of what happens: reconnects by itself, and keeps honest about how old things are. */
+
+import { signInAgain } from "./api.js";
+
+const RETRY_MS = [500, 1000, 2000, 4000];
+const SILENT_AFTER_S = 3;
+const TICK_MS = 250;
+const SIGNED_OUT = 4401;
+
+/**
+ * Call `show(data, elapsed_s, linked)` at each message and four times a second in between. `elapsed_s` is how long ago
+ * the message came: add it to every age. `linked` is false once the console has gone silent.
+ */
+export function follow(show) {
+  let data = null;
+  let receivedAt = 0;
+  let failures = 0;
+
+  const connect = () => {
+    const scheme = location.protocol === "https:" ? "wss" : "ws";
+    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    let opened = false;
+    socket.onopen = () => { opened = true; failures = 0; };
+    socket.onmessage = (event) => {
+      data = JSON.parse(event.data);
+      receivedAt = performance.now();
+      draw();
+    };
+    socket.onclose = async (event) => {
+      if (event.code === SIGNED_OUT) return signInAgain();
+      if (!opened && (await isSignedOut())) return signInAgain();
+      setTimeout(connect, RETRY_MS[Math.min(failures++, RETRY_MS.length - 1)]);
+    };
+  };
+  const draw = () => {
+    if (data === null) return;
+    const elapsed_s = (performance.now() - receivedAt) / 1000;
+    show(data, elapsed_s, elapsed_s < SILENT_AFTER_S);
+  };
+  const isSignedOut = async () => {
+    const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
+    return answer !== null && answer.status === 401;
+  };
+  connect();
+  setInterval(draw, TICK_MS);
+}
+
+/** How fresh something of this age is: the console's own limits, counted on by this page's clock. */
+export function freshnessOf(age_s, connected, limits) {
+  if (age_s === null || !connected || age_s > limits.lost) return "lost";
+  if (age_s > limits.stale) return "stale";
+  return age_s > limits.delayed ? "delayed" : "live";
+}
+
+export const FRESHNESS = {
+  live: { kind: "good", mark: "●", text: "LIVE" },
+  delayed: { kind: "warn", mark: "◐", text: "DELAYED" },
+  stale: { kind: "warn", mark: "○", text: "STALE" },
+  lost: { kind: "bad", mark: "✕", text: "LOST" },
+};

@@ -83,8 +83,9 @@ def _add_unavailable(
     def refuse(arguments: argparse.Namespace) -> int:
         raise error
 
-    parser = subparsers.add_parser(name, help=f"not installed: {error}")
-    parser.add_argument("anything", nargs=argparse.REMAINDER, help=argparse.SUPPRESS)
+    # No prefix makes an option here, so that any command line meant for the real command is taken.
+    parser = subparsers.add_parser(name, help=f"not installed: {error}", prefix_chars="\0", add_help=False)
+    parser.add_argument("anything", nargs="*", help=argparse.SUPPRESS)
     parser.set_defaults(run=refuse)
 
 

@@ -50,9 +50,9 @@ _REFUSED_CODES = (1008, 4401, 4403)
 class ConsoleLink:
     """The device's end of the link; an :class:`~device_agent.ports.Uplink`."""
 
-    def __init__(self, settings: LinkSettings, device: LinkedDevice, journal: EventJournal, clock: Clock) -> None:
+    def __init__(self, settings: LinkSettings, journal: EventJournal, clock: Clock) -> None:
         self._settings = settings
-        self._device = device
+        self._device: LinkedDevice
         self._journal = journal
         self._clock = clock
         self._outbox = Outbox(self._wake)
@@ -85,8 +85,9 @@ class ConsoleLink:
         self._journal.append(stamp_s, kind, text)
 
     # ---------------------------------------------------------------------------------------------- lifetime
-    def start(self) -> None:
-        """Begin to dial, in a thread of its own."""
+    def start(self, device: LinkedDevice) -> None:
+        """Begin to dial for a device, in a thread of its own."""
+        self._device = device
         self._thread.start()
 
     def stop(self) -> None:

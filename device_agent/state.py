@@ -55,6 +55,8 @@ class DeviceState:
     guidance: Guidance | None = None
     """The previous guidance: the only memory of route following."""
     off_route_since_s: float | None = None
+    blind: bool = False
+    """The camera gave nothing in the last cycle."""
     trail: tuple[TrailPoint, ...] = ()
     """Where the walker was during the last second or so."""
     waiting_graph: PoiGraph | None = None

@@ -8,16 +8,20 @@ directly to the output. :func:`keep_watch` is its whole logic, a pure function; 
 from __future__ import annotations
 
 import enum
+import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from device_agent.ports import Clock, CueOutput
-from navcore.cues.table import Cue, CueKind, CuePriority
+from navcore.cues.synthesis import stop_cue
+from navcore.cues.texts import Language
+from navcore.types import Reason
 
 REPEAT_AFTER_S = 2.0
 """Time between two cues *Stop* of one incident."""
 CHECK_EVERY_S = 0.05
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,13 +77,13 @@ class Watchdog:
         clock: Clock,
         output: CueOutput,
         report: Callable[[float, str], None],
-        stop_text: Callable[[], str] = lambda: "Stop.",
+        language: Callable[[], Language] = lambda: "en",
     ) -> None:
         """``report(stamp_s, text)`` hears of every incident, and of its end."""
         self._clock = clock
         self._output = output
         self._report = report
-        self._stop_text = stop_text
+        self._language = language
         self._heartbeat = Heartbeat(clock.now_s())
         self._vigil = Vigil()
         self._incidents = 0
@@ -109,10 +113,12 @@ class Watchdog:
             if verdict is Verdict.ALARM:
                 self._incidents += 1
         if verdict in (Verdict.ALARM, Verdict.REPEAT) and heartbeat.leading:
-            self._output.play(Cue(now_s, CueKind.STOP, CuePriority.STOP, self._stop_text()))
+            reason = Reason.OK if heartbeat.fault else Reason.SENSOR_STALE
+            self._output.play(stop_cue(now_s, reason, self._language()))
         if verdict is Verdict.ALARM:
-            age_s = now_s - heartbeat.stamp_s
-            self._report(now_s, heartbeat.fault or f"No guidance for {age_s:.1f} s.")
+            text = heartbeat.fault or f"No guidance for {now_s - heartbeat.stamp_s:.1f} s."
+            _log.warning("%s", text)
+            self._report(now_s, text)
         elif verdict is Verdict.RECOVERED:
             self._report(now_s, "Guidance is fresh again.")
         return verdict

@@ -191,17 +191,17 @@ def journal(tmp_path: Path) -> Iterator[EventJournal]:
 
 @pytest.fixture
 def link(console: Console, device: Device, journal: EventJournal, tmp_path: Path) -> Iterator[ConsoleLink]:
-    link = make_link(f"ws://127.0.0.1:{console.port}", device, journal, tmp_path)
-    link.start()
+    link = make_link(f"ws://127.0.0.1:{console.port}", journal, tmp_path)
+    link.start(device)
     yield link
     link.stop()
 
 
-def make_link(url: str, device: Device, journal: EventJournal, tmp_path: Path) -> ConsoleLink:
+def make_link(url: str, journal: EventJournal, tmp_path: Path) -> ConsoleLink:
     settings = LinkSettings(
         url, TOKEN, tmp_path / ".site-incoming", first_pause_s=0.01, longest_pause_s=0.05, refused_pause_s=0.05
     )
-    return ConsoleLink(settings, device, journal, FakeClock(100.0))
+    return ConsoleLink(settings, journal, FakeClock(100.0))
 
 
 def cues(console: Console) -> list[str]:
@@ -252,8 +252,8 @@ def test_events_that_were_not_confirmed_survive_a_restart_of_the_device(
     before.close()
     after = EventJournal(tmp_path / "events.sqlite")
     after.append(9.0, "cue", "cue 5")
-    link = make_link(f"ws://127.0.0.1:{console.port}", device, after, tmp_path)
-    link.start()
+    link = make_link(f"ws://127.0.0.1:{console.port}", after, tmp_path)
+    link.start(device)
     console.wait_for(lambda: len(cues(console)) == 6)
     link.stop()
     after.close()
@@ -302,8 +302,8 @@ def test_a_refused_token_is_said_once_and_tried_again(
     console: Console, device: Device, journal: EventJournal, tmp_path: Path
 ) -> None:
     console.token = "another"
-    link = make_link(f"ws://127.0.0.1:{console.port}", device, journal, tmp_path)
-    link.start()
+    link = make_link(f"ws://127.0.0.1:{console.port}", journal, tmp_path)
+    link.start(device)
     console.wait_for(lambda: console.refused)
     console.refused = False
     console.wait_for(lambda: console.refused)

@@ -1,0 +1,223 @@
+"""The device agent: one loop, one core, from the sensors to the cue.
+
+:meth:`DeviceAgent.run_cycle` is one cycle. A lock-step driver calls it with a simulated clock; :meth:`DeviceAgent.run`
+calls it live, with the watchdog in a thread of its own. Orders come in through :meth:`DeviceAgent.submit` from any
+thread and are carried out between two frames.
+"""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+from device_agent.cycle import Cycle, walker_state
+from device_agent.device_store import DeviceStore
+from device_agent.loop import Ports, run_stages
+from device_agent.orders import Order, at_rest, carry_out
+from device_agent.ports import Clock, CueOutput, DepthCamera, LocalizerPort, Sonar, Uplink
+from device_agent.state import (
+    DeviceState,
+    Effect,
+    Happened,
+    Notice,
+    PreparedMap,
+    StoreGraph,
+    StoreSettings,
+    SwapMap,
+)
+from device_agent.voice import Voice
+from device_agent.watchdog import Heartbeat, Watchdog
+from navcore import __version__
+from navcore.cues.table import Cue
+from navcore.errors import SiteError, VbrError
+from navcore.settings import Settings
+from navcore.site import Site, load_site
+from navcore.types import CameraIntrinsics
+from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, SettingsRunning
+
+MAX_WAITING_ORDERS = 256
+_PAUSE_WITHOUT_CAMERA_S = 0.05
+_log = logging.getLogger(__name__)
+
+LocalizerFactory = Callable[[Site, CameraIntrinsics, Settings], LocalizerPort]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeviceParts:
+    """What the agent is put together from."""
+
+    clock: Clock
+    camera: DepthCamera
+    sonar: Sonar
+    output: CueOutput
+    uplink: Uplink
+    make_localizer: LocalizerFactory
+    store: DeviceStore | None = None
+    """Where settings, graph and map are kept; None keeps nothing."""
+    device_id: str = "glasses"
+
+
+class DeviceAgent:
+    """Runs the loop over its parts; everything that it remembers is one frozen :class:`DeviceState`."""
+
+    def __init__(self, parts: DeviceParts, state: DeviceState, localizer: LocalizerPort) -> None:
+        self._parts = parts
+        self.state = state
+        """Replaced as a whole, between two stages: any thread may read it."""
+        self._localizer = localizer
+        self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
+        self._voice = Voice(parts.output)
+        self._incidents_heard = 0
+        self._frame_rate_hz = 0.0
+        self._last_stamp_s: float | None = None
+        self._quality = ""
+        self.watchdog = Watchdog(
+            parts.clock,
+            parts.output,
+            lambda stamp_s, text: parts.uplink.event(stamp_s, "watchdog", text),
+            lambda: self.state.settings.cues.language,
+        )
+
+    # ------------------------------------------------------------------------------------------------- orders
+    def submit(self, order: Order) -> None:
+        """Take an order from any thread. Raises VbrError when far too many wait already."""
+        try:
+            self._orders.put_nowait(order)
+        except queue.Full as error:
+            raise VbrError("The device is too busy to take more orders: try again.") from error
+
+    def hello(self) -> Hello:
+        """Return who this device is and what it runs."""
+        state = self.state
+        return Hello(
+            PROTOCOL_VERSION, self._parts.device_id, __version__, state.site_id, state.map_checksum,
+            state.graph.version, state.settings_revision, self._parts.clock.now_s(),
+        )  # fmt: skip
+
+    def map_arrived(self, staging: Path, checksum: str) -> None:
+        """Load a map that was fetched; called by the link's worker, so that the loop does not wait. Raises VbrError."""
+        site = load_site(staging)
+        localizer = self._parts.make_localizer(site, self._parts.camera.intrinsics, self.state.settings)
+        self.submit(PreparedMap(staging, checksum, site, localizer))
+
+    def announce(self) -> None:
+        """Tell the console, once it is there, what runs."""
+        state, uplink = self.state, self._parts.uplink
+        uplink.message(SettingsRunning(state.settings_revision, state.settings.values()))
+        uplink.message(GraphRunning(state.graph.version))
+        uplink.message(MapRunning(state.map_checksum))
+
+    # -------------------------------------------------------------------------------------------------- loop
+    def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:
+        """Run live until ``stopped`` is set, at the camera's rate; with ``until_over``, until nobody is led any more."""
+        self.watchdog.start()
+        try:
+            while not stopped.is_set():
+                cycle = self.run_cycle()
+                if until_over and not self.state.leading:
+                    break
+                if cycle.frame is None:
+                    # A camera that fails at once must not turn the loop into a busy one.
+                    stopped.wait(_PAUSE_WITHOUT_CAMERA_S)
+        finally:
+            self.watchdog.stop()
+
+    def run_cycle(self) -> Cycle:
+        """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
+        self._take_orders()
+        self._heed_the_watchdog()
+        parts = self._parts
+        ports = Ports(parts.clock, parts.camera, parts.sonar, self._localizer, self._voice)
+        self.state, cycle, effects = run_stages(self.state, ports)
+        if cycle.fault:
+            self.watchdog.fault(cycle.fault)
+        else:
+            timeout_s = self.state.settings.watchdog.guidance_timeout_s
+            self.watchdog.beat(Heartbeat(cycle.stamp_s, self.state.mode == "guiding", timeout_s))
+        self._do_all(effects)
+        self._report(cycle)
+        return cycle
+
+    def _take_orders(self) -> None:
+        while True:
+            try:
+                order = self._orders.get_nowait()
+            except queue.Empty:
+                break
+            self.state, effects = carry_out(self.state, order, self._parts.clock.now_s())
+            self._do_all(effects)
+        self.state, effects = at_rest(self.state)
+        self._do_all(effects)
+
+    def _heed_the_watchdog(self) -> None:
+        """What the watchdog overruled is said again once guidance is fresh."""
+        if self.watchdog.incidents != self._incidents_heard:
+            self._incidents_heard = self.watchdog.incidents
+            self._voice.forget()
+
+    # ----------------------------------------------------------------------------------------------- effects
+    def _do_all(self, effects: tuple[Effect, ...]) -> None:
+        for effect in effects:
+            self._do(effect)
+
+    def _do(self, effect: Effect) -> None:
+        now_s = self._parts.clock.now_s()
+        match effect:
+            case Notice():
+                self._report_cues(self._voice.say(effect.text, self.state.settings, now_s))
+            case Happened():
+                self._parts.uplink.event(now_s, effect.kind, effect.text)
+            case SwapMap():
+                self._localizer = effect.prepared.localizer
+                self._keep(lambda store: store.swap_map(effect.prepared.staging))
+            case StoreGraph():
+                self._keep(lambda store: store.save_graph(effect.graph))
+            case StoreSettings():
+                self._keep(lambda store: store.save_settings(effect.settings, effect.revision))
+            case _:
+                self._parts.uplink.message(effect)
+
+    def _keep(self, work: Callable[[DeviceStore], None]) -> None:
+        if self._parts.store is None:
+            return
+        try:
+            work(self._parts.store)
+        except (OSError, SiteError) as error:
+            text = f"What runs now could not be kept for the next start ({error}): free the disk."
+            _log.warning("%s", text)
+            self._parts.uplink.event(self._parts.clock.now_s(), "mode", text)
+
+    def _report(self, cycle: Cycle) -> None:
+        """Leave with the uplink what the console shows, and what must not be lost."""
+        uplink = self._parts.uplink
+        self._measure_rate(cycle)
+        uplink.state(walker_state(self.state, cycle, self._voice.last_spoken, self._frame_rate_hz))
+        if cycle.frame is not None:
+            uplink.depth_image(cycle.frame)
+        self._report_cues(cycle.cues)
+        quality = cycle.localization.quality.value if cycle.localization is not None else self._quality
+        if quality != self._quality:
+            self._quality = quality
+            uplink.event(cycle.stamp_s, "localization", f"The place in the map is {_QUALITY_WORDS[quality]}.")
+
+    def _report_cues(self, cues: tuple[Cue, ...]) -> None:
+        for cue in cues:
+            if cue.text:
+                self._parts.uplink.event(cue.stamp_s, "cue", cue.text[:500])
+
+    def _measure_rate(self, cycle: Cycle) -> None:
+        if cycle.frame is None:
+            self._last_stamp_s, self._frame_rate_hz = None, 0.0
+            return
+        before_s, self._last_stamp_s = self._last_stamp_s, cycle.stamp_s
+        if before_s is not None and cycle.stamp_s > before_s:
+            rate_hz = 1.0 / (cycle.stamp_s - before_s)
+            share = 0.1 if self._frame_rate_hz > 0 else 1.0
+            self._frame_rate_hz += share * (rate_hz - self._frame_rate_hz)
+
+
+_QUALITY_WORDS = {"localized": "known", "uncertain": "uncertain", "lost": "lost"}

@@ -1,0 +1,125 @@
+"""``vbr device``: the process on the glasses."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import signal
+import ssl
+import threading
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from device_agent.device_options import DeviceOptions
+from navcore.errors import InputError
+from navcore.settings import Settings, parse_assignment
+
+_LOOPBACK = ("localhost", "127.0.0.1", "::1")
+
+
+def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add ``vbr device``."""
+    from device_agent.simulation_commands import picture_size
+
+    parser = subparsers.add_parser("device", help="run the device agent: the process on the glasses")
+    parser.add_argument("--site", type=Path, required=True, metavar="DIR", help="the map to walk in")
+    parser.add_argument("--to", metavar="PLACE", help="lead to this place at once; ends there when no console is named")
+    parser.add_argument("--device-id", default="glasses", help="how the console tells devices apart")
+    parser.add_argument("--state", type=Path, metavar="DIR", help="folder for settings and events over a restart")
+    parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a setting")
+
+    console = parser.add_argument_group("console")
+    console.add_argument("--console", metavar="URL", help="ws://127.0.0.1:PORT or wss://HOST:PORT")
+    console.add_argument("--token-file", type=Path, metavar="FILE", help="holds the token that the console gave")
+    console.add_argument("--ca-file", type=Path, metavar="FILE", help="certificate of a console that has its own")
+
+    sensors = parser.add_argument_group("sensors")
+    sensors.add_argument("--simulated", action="store_true", help="walk in the simulated building, in real time")
+    sensors.add_argument("--recording", type=Path, metavar="DIR", help="play a recording as the camera")
+    sensors.add_argument("--seed", type=int, default=1, help="of the simulation (default: %(default)s)")
+    sensors.add_argument("--start", default="Hall", metavar="PLACE", help="where the simulated walker stands")
+    sensors.add_argument("--rate-hz", type=float, default=10.0, help="frames per second (default: %(default)g)")
+    sensors.add_argument("--size", type=picture_size, default=(320, 240), metavar="WxH", help="320x240 or 640x480")
+
+    sound = parser.add_argument_group("sound")
+    sound.add_argument("--wav", type=Path, metavar="FILE", help="write what is heard as a stereo WAV file")
+    sound.add_argument("--sound", action="store_true", help="play on the sound device (extra 'audio')")
+    sound.add_argument("--quiet", action="store_true", help="do not print the cues")
+    parser.set_defaults(run=_run)
+
+
+def checked_console_url(url: str) -> str:
+    """Return the console's address. Raises InputError where it is none, or would send the token in the clear."""
+    parts = urlsplit(url)
+    if parts.scheme not in ("ws", "wss") or not parts.hostname:
+        raise InputError(f"{url!r} is no address of a console: write ws:// or wss://, host and port.")
+    if parts.scheme == "ws" and parts.hostname not in _LOOPBACK:
+        raise InputError(f"{url} would send the device's token in the clear: use wss:// beyond this machine.")
+    return f"{parts.scheme}://{parts.netloc}"
+
+
+def read_token(path: Path | None) -> str:
+    """Return the device's token. Raises InputError."""
+    if path is None:
+        raise InputError("The console asks for a token: name the file that holds it with --token-file.")
+    try:
+        token = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"The token file {path} cannot be read: make a device token in the console.") from error
+    if not token or not token.isascii() or not token.isprintable() or " " in token:
+        raise InputError(f"{path} holds no token: make a device token in the console and put it there.")
+    return token
+
+
+def default_state_folder(device_id: str) -> Path:
+    """Return where a device keeps its own files."""
+    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
+    return Path(base) / "virtual-blind-road" / device_id
+
+
+def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
+    if ca_file is None:
+        return None
+    try:
+        return ssl.create_default_context(cafile=ca_file)
+    except (OSError, ssl.SSLError) as error:
+        raise InputError(f"{ca_file} is no certificate ({error}): name the console's certificate (PEM).") from error
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    options = _options(arguments)
+    from device_agent.device_process import run_device
+
+    stopped = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stopped.set())
+    return run_device(options, stopped)
+
+
+def _options(arguments: argparse.Namespace) -> DeviceOptions:
+    changes = dict(parse_assignment(text) for text in arguments.set)
+    Settings().changed(changes)
+    if not arguments.simulated and arguments.recording is None:
+        raise InputError("The device needs sensors: name --simulated, or --recording DIR.")
+    if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", arguments.device_id) is None:
+        raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
+    url = checked_console_url(arguments.console) if arguments.console else None
+    return DeviceOptions(
+        site=arguments.site,
+        state=arguments.state or default_state_folder(arguments.device_id),
+        device_id=arguments.device_id,
+        console_url=url,
+        token=read_token(arguments.token_file) if url else "",
+        tls=_tls(arguments.ca_file),
+        changes=changes,
+        to=arguments.to,
+        recording=arguments.recording,
+        seed=arguments.seed,
+        start=arguments.start,
+        rate_hz=arguments.rate_hz,
+        size_px=arguments.size,
+        wav=arguments.wav,
+        sound=arguments.sound,
+        print_cues=not arguments.quiet,
+    )

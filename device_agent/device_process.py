@@ -1,0 +1,74 @@
+"""The process on the glasses: hardware, loop, watchdog and link, put together and taken apart again."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from contextlib import ExitStack
+
+from device_agent.adapters.clocks import SystemClock
+from device_agent.adapters.fakes import NoUplink
+from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.device_options import DeviceOptions
+from device_agent.device_store import DeviceStore
+from device_agent.journal import EventJournal
+from device_agent.link import ConsoleLink
+from device_agent.link_settings import LinkSettings
+from device_agent.localization import make_localizer
+from device_agent.map_download import staging_folder
+from device_agent.places import find_place
+from device_agent.ports import Clock, Uplink
+from device_agent.sensors import open_hardware
+from device_agent.single_core import use_one_core
+from device_agent.state import DeviceState
+from device_agent.warm_up import warm_up
+from navcore.errors import VbrError
+from navcore.site import load_site, map_checksum
+from navcore.wire import SetDestination
+
+_log = logging.getLogger(__name__)
+
+
+def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
+    """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
+    use_one_core()
+    site = load_site(options.site)
+    goal = find_place(site.poi_graph, options.to) if options.to else None
+    store = DeviceStore(options.state, options.site)
+    settings, revision = store.load_settings()
+    settings = settings.changed(options.changes)
+    warm_up()
+    clock = SystemClock()
+    with ExitStack() as stack:
+        hardware = open_hardware(options, settings, clock, stack)
+        localizer = make_localizer(site, hardware.camera.intrinsics, settings)
+        uplink = _uplink(options, clock, stack)
+        state = DeviceState(
+            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
+        )  # fmt: skip
+        parts = DeviceParts(
+            clock, hardware.camera, hardware.sonar, hardware.output, uplink, make_localizer, store, options.device_id
+        )
+        agent = DeviceAgent(parts, state, localizer)
+        if isinstance(uplink, ConsoleLink):
+            agent.announce()
+            uplink.start(agent)
+        if goal is not None:
+            agent.submit(SetDestination(goal.id))
+        ends_itself = goal is not None and options.console_url is None
+        agent.run(stopped, until_over=ends_itself)
+        return 0 if not ends_itself or agent.state.mode == "arrived" or stopped.is_set() else 1
+
+
+def _uplink(options: DeviceOptions, clock: Clock, stack: ExitStack) -> Uplink:
+    if options.console_url is None:
+        return NoUplink()
+    try:
+        journal = EventJournal(options.state / "events.sqlite")
+    except OSError as error:
+        raise VbrError(f"{options.state} cannot be written ({error.strerror}): name another with --state.") from error
+    stack.callback(journal.close)
+    settings = LinkSettings(options.console_url, options.token, staging_folder(options.site), options.tls)
+    link = ConsoleLink(settings, journal, clock)
+    stack.callback(link.stop)
+    return link

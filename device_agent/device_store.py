@@ -1,0 +1,74 @@
+"""What the device keeps over a restart: the settings that it runs, and the map and PoI-graph in its site folder."""
+
+from __future__ import annotations
+
+import json
+import logging
+import os
+import shutil
+from pathlib import Path
+
+from navcore.errors import SettingError, SiteError
+from navcore.planning.poi_graph import PoiGraph
+from navcore.settings import Settings
+from navcore.site import save_poi_graph
+
+_log = logging.getLogger(__name__)
+
+
+class DeviceStore:
+    """The device's own folder, and its site folder."""
+
+    def __init__(self, state_folder: Path, site_folder: Path) -> None:
+        self.state_folder = state_folder
+        self.site_folder = site_folder
+
+    @property
+    def journal_path(self) -> Path:
+        """Where events wait for the console."""
+        return self.state_folder / "events.sqlite"
+
+    @property
+    def _settings_path(self) -> Path:
+        return self.state_folder / "settings.json"
+
+    def load_settings(self) -> tuple[Settings, int]:
+        """Return the settings that ran last, and their revision; the defaults where there are none that still fit."""
+        try:
+            stored = json.loads(self._settings_path.read_text(encoding="utf-8"))
+            return Settings().changed(stored["values"]), int(stored["revision"])
+        except FileNotFoundError:
+            return Settings(), 0
+        except (OSError, ValueError, KeyError, TypeError, SettingError) as error:
+            _log.warning("the stored settings do not fit (%s): the defaults run", error)
+            return Settings(), 0
+
+    def save_settings(self, settings: Settings, revision: int) -> None:
+        """Keep the settings. Raises OSError."""
+        self.state_folder.mkdir(parents=True, exist_ok=True)
+        fresh = self._settings_path.with_suffix(".new")
+        with fresh.open("w", encoding="utf-8") as out:
+            json.dump({"revision": revision, "values": settings.values()}, out, indent=1)
+            out.flush()
+            os.fsync(out.fileno())
+        os.replace(fresh, self._settings_path)
+
+    def save_graph(self, graph: PoiGraph) -> None:
+        """Keep the PoI-graph in the site. Raises OSError."""
+        save_poi_graph(graph, self.site_folder)
+
+    def swap_map(self, staging: Path) -> None:
+        """Move a staged site into place. Raises OSError or SiteError, and the old site stays then."""
+        old = self.site_folder.with_name(f".{self.site_folder.name}-replaced")
+        shutil.rmtree(old, ignore_errors=True)
+        if not staging.is_dir():
+            raise SiteError(f"The new map is no longer at {staging}: publish it again.")
+        if self.site_folder.exists():
+            os.replace(self.site_folder, old)
+        try:
+            os.replace(staging, self.site_folder)
+        except OSError:
+            if old.exists():
+                os.replace(old, self.site_folder)
+            raise
+        shutil.rmtree(old, ignore_errors=True)

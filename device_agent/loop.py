@@ -1,0 +1,167 @@
+"""One cycle: capture → localize → plan → scan → guide → cue (the paper's Fig. 7, with its sensors and its voice)."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+
+from device_agent.cycle import Cycle
+from device_agent.motion import extended_trail
+from device_agent.orders import mode_event
+from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
+from device_agent.state import DeviceState, Effect, Happened
+from device_agent.voice import Voice
+from device_agent.way import plan_if_needed
+from navcore.errors import SensorError
+from navcore.guide import guide
+from navcore.types import (
+    Action,
+    DecisionTrace,
+    Frame,
+    Guidance,
+    Localization,
+    ObstacleScan,
+    Reason,
+    SonarReading,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ports:
+    """What a cycle reads from and speaks to."""
+
+    clock: Clock
+    camera: DepthCamera
+    sonar: Sonar
+    localizer: LocalizerPort
+    voice: Voice
+
+
+@dataclass(slots=True)
+class StageTimes:
+    """Measures each stage, and remembers the one that was begun last."""
+
+    stage_ms: dict[str, float] = field(default_factory=dict)
+    current: str = ""
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure what is done inside."""
+        self.current = name
+        began = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.stage_ms[name] = 1000.0 * (time.perf_counter() - began)
+
+
+Outcome = tuple[DeviceState, Cycle, tuple[Effect, ...]]
+
+
+def run_stages(state: DeviceState, ports: Ports) -> Outcome:
+    """Run one cycle; return what to remember, what came out, and what else is to be done. Raises nothing."""
+    times = StageTimes()
+    frame: Frame | None = None
+    try:
+        with times.stage("capture"):
+            frame = ports.camera.read()
+        return _from_frame(state, ports, frame, times)
+    except SensorError as error:
+        return _blind(state, ports, str(error), times)
+    except Exception as error:
+        return _faulted(state, ports, frame, times, error)
+
+
+def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) -> Outcome:
+    intrinsics, settings = ports.camera.intrinsics, state.settings
+    effects: list[Effect] = []
+    if state.blind:
+        effects.append(Happened("sensor", "The camera delivers again."))
+    with times.stage("localize"):
+        located = ports.localizer.locate(frame)
+        pose = located.pose
+    state = replace(state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose))
+    with times.stage("plan"):
+        state, planned = plan_if_needed(state, pose, frame.stamp_s)
+    with times.stage("scan"):
+        scan = scan_frame(frame, intrinsics, located, settings)
+        sonar = _sonar(ports)
+    with times.stage("guide"):
+        guidance = _decide(state, frame.stamp_s, located, scan, sonar)
+        guidance = _fresh_or_stop(guidance, ports.clock.now_s(), settings.watchdog.guidance_timeout_s)
+    with times.stage("cues"):
+        cues = ports.voice.tell(state, guidance, ports.clock.now_s())
+    state, arrived = _after(replace(state, guidance=guidance))
+    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
+    return state, cycle, (*effects, *planned, *arrived)
+
+
+def _sonar(ports: Ports) -> SonarReading | None:
+    """A rangefinder that fails is an absent one: guidance goes on with depth only, and says so."""
+    try:
+        return ports.sonar.read()
+    except SensorError:
+        return None
+
+
+def _decide(
+    state: DeviceState, stamp_s: float, located: Localization, scan: ObstacleScan, sonar: SonarReading | None
+) -> Guidance:
+    """Return what guidance says, as far as somebody is to be led."""
+    route = state.route if state.leading else None
+    guidance = guide(
+        stamp_s, located, route, scan, sonar, state.guidance, state.settings,
+        paused=state.mode == "paused", route_version=state.route_version,
+    )  # fmt: skip
+    if state.mode == "arrived" and guidance.reason is Reason.NO_ROUTE:
+        return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
+    if state.mode == "guiding" and route is None and located.pose is None:
+        # A way is wanted, but where it begins is not known yet.
+        return replace(guidance, reason=Reason.POSE_LOST, trace=replace(guidance.trace, rule="the pose is lost"))
+    return guidance
+
+
+def _fresh_or_stop(guidance: Guidance, now_s: float, timeout_s: float) -> Guidance:
+    """Deciding may have taken so long that the decision is about a place where the walker no longer is."""
+    if guidance.action is Action.STOP or now_s - guidance.stamp_s <= timeout_s:
+        return guidance
+    trace = replace(guidance.trace, rule=f"The decision took {now_s - guidance.stamp_s:.2f} s: too old to walk by.")
+    return replace(guidance, action=Action.STOP, direction=None, reason=Reason.SENSOR_STALE, trace=trace)
+
+
+def _after(state: DeviceState) -> tuple[DeviceState, tuple[Effect, ...]]:
+    if state.mode != "guiding" or state.guidance is None or state.guidance.reason is not Reason.ARRIVED:
+        return state, ()
+    state = replace(state, mode="arrived", route=None, wanted_id=None, off_route_since_s=None)
+    return state, (Happened("arrived", mode_event(state).text), mode_event(state))
+
+
+def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Outcome:
+    """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
+    now_s = ports.clock.now_s()
+    guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
+    cues = ports.voice.tell(state, guidance, now_s)
+    effects = () if state.blind else (Happened("sensor", why[:500]),)
+    state = replace(state, guidance=guidance, blind=True, trail=())
+    return state, Cycle(now_s, guidance, cues=cues, stage_ms=times.stage_ms), effects
+
+
+def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: StageTimes, error: Exception) -> Outcome:
+    """Something was raised that nobody expected: guidance is *Stop*, and the watchdog says so."""
+    now_s = ports.clock.now_s()
+    fault = f"{times.current} failed: {type(error).__name__}: {error}"[:500]
+    guidance = _stop(state, now_s, _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE), fault)
+    state = replace(state, guidance=guidance, trail=())
+    return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), ()
+
+
+_FAULT_REASONS = {"localize": Reason.POSE_LOST, "scan": Reason.DEPTH_INVALID}
+
+
+def _stop(state: DeviceState, now_s: float, reason: Reason, rule: str) -> Guidance:
+    """Stop, but remember the place on the route."""
+    before = state.guidance.trace if state.guidance is not None else DecisionTrace()
+    trace = DecisionTrace(sub_goal=before.sub_goal, closest_index=before.closest_index, rule=rule)
+    return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

@@ -1,0 +1,59 @@
+"""``vbr settings`` and ``vbr warm-up``."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import asdict
+
+
+def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add ``vbr settings`` and ``vbr warm-up``."""
+    settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
+    settings.add_argument("--json", action="store_true", help="as JSON")
+    settings.set_defaults(run=_list_settings)
+    warm = subparsers.add_parser("warm-up", help="compile everything now, so that nobody waits for it while walking")
+    warm.set_defaults(run=_warm_up)
+
+
+def _list_settings(arguments: argparse.Namespace) -> int:
+    from navcore.settings import setting_specs
+
+    if arguments.json:
+        json.dump([{"key": spec.key, **asdict(spec)} for spec in setting_specs()], sys.stdout, indent=1)
+        sys.stdout.write("\n")
+    else:
+        _print_table()
+    return 0
+
+
+def _print_table() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from navcore.settings import setting_specs
+
+    table = Table("setting", "default", "range", "source", "meaning", title="--set NAME=VALUE changes one")
+    group = ""
+    for spec in setting_specs():
+        if spec.group != group:
+            group = spec.group
+            table.add_section()
+        default = f"{spec.default} {spec.unit}".strip()
+        allowed = ", ".join(spec.choices) or (
+            f"{spec.low:g} – {spec.high:g}" if spec.low is not None else "true, false"
+        )
+        mark = " [red]safety[/red]" if spec.safety else ""
+        table.add_row(spec.key + mark, default, allowed, spec.source, spec.meaning)
+    # Piped into a file or a pager, nothing is cut off.
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def _warm_up(arguments: argparse.Namespace) -> int:
+    from device_agent.progress import progress_bar
+    from device_agent.warm_up import warm_up
+
+    with progress_bar("Compiling") as report:
+        warm_up(report)
+    return 0

@@ -1,0 +1,71 @@
+"""The sensors and outputs that one run of the device is told to use."""
+
+from __future__ import annotations
+
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+from device_agent.adapters.fakes import NoSonar
+from device_agent.adapters.newest_frame import NewestFrameCamera
+from device_agent.adapters.outputs import TeeOutput, TextOutput
+from device_agent.adapters.recorded import RecordedCamera
+from device_agent.device_options import DeviceOptions
+from device_agent.ports import Clock, CueOutput, DepthCamera, Sonar
+from device_agent.speech import Speech
+from navcore.recording import open_recording
+from navcore.settings import Settings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Hardware:
+    """What the agent senses with, and speaks through."""
+
+    camera: DepthCamera
+    sonar: Sonar
+    output: CueOutput
+
+
+def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stack: ExitStack) -> Hardware:
+    """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
+    outputs = _outputs(options, settings)
+    if options.recording is not None:
+        raw: DepthCamera = RecordedCamera(open_recording(options.recording), clock)
+        sonar: Sonar = NoSonar(clock)
+    else:
+        raw, sonar, ear = _simulated(options, clock)
+        outputs.insert(0, ear)
+    camera = NewestFrameCamera(raw, clock, settings.watchdog.camera_timeout_s)
+    output = TeeOutput(outputs)
+    for each in (output, sonar, camera):
+        stack.callback(each.close)
+    return Hardware(camera, sonar, output)
+
+
+def _simulated(options: DeviceOptions, clock: Clock) -> tuple[DepthCamera, Sonar, CueOutput]:
+    from device_agent.simulation.adapters import SimulatedCamera, SimulatedEar, SimulatedSonar
+    from device_agent.simulation.office_floor import office_floor
+    from device_agent.simulation.walker import drawn_walker
+    from device_agent.simulation.world import SimulatedWorld, start_at
+
+    building = office_floor()
+    start = start_at(building, options.start)
+    world = SimulatedWorld(
+        building, drawn_walker(options.seed), start, options.seed, size_px=options.size_px, start_s=clock.now_s()
+    )
+    return SimulatedCamera(world, clock, options.rate_hz), SimulatedSonar(world, clock), SimulatedEar(world, clock)
+
+
+def _outputs(options: DeviceOptions, settings: Settings) -> list[CueOutput]:
+    outputs: list[CueOutput] = []
+    if options.print_cues:
+        outputs.append(TextOutput())
+    speech = Speech(settings.cues.language)
+    if options.wav is not None:
+        from device_agent.adapters.wav_file import WavFileOutput
+
+        outputs.append(WavFileOutput(options.wav, speech))
+    if options.sound:
+        from device_agent.adapters.sound_device import SoundDeviceOutput
+
+        outputs.append(SoundDeviceOutput(speech))
+    return outputs

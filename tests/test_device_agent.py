@@ -1,0 +1,378 @@
+"""The agent in lock-step: real guidance, planning and cues on fake sensors in an empty hall."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from device_agent.adapters.clocks import SteppedClock
+from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeSonar, FakeUplink
+from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.cycle import Cycle
+from device_agent.device_store import DeviceStore
+from device_agent.state import DeviceState
+from navcore.cues.table import CueKind
+from navcore.errors import SensorError
+from navcore.geometry import Transform, world_from_camera_at
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph
+from navcore.settings import Settings
+from navcore.site import Site, load_poi_graph, load_site, map_checksum, save_site
+from navcore.types import Action, CameraIntrinsics, Frame, Localization, LocalizationQuality, Reason
+from navcore.wire import (
+    ApplySettings,
+    ClearDestination,
+    GraphRunning,
+    MapRunning,
+    Pause,
+    PublishGraph,
+    Resume,
+    RouteChanged,
+    Say,
+    SetDestination,
+    SettingsRunning,
+)
+
+INTRINSICS = CameraIntrinsics(160, 120, 116.0, 116.0, 79.5, 59.5)
+EYE_HEIGHT_M = 1.6
+WALL_X_M = 30.0
+GRAPH = PoiGraph(
+    3,
+    {
+        "hall": Poi("hall", "Hall", "hall", 0.0, 0.0),
+        "bar": Poi("bar", "Bar", "bar", 20.0, 0.0),
+        "attic": Poi("attic", "Attic", "room", 0.0, 50.0),
+    },
+    {"road": Edge("road", "hall", "bar", ((0.0, 0.0), (20.0, 0.0)), 20.0)},
+)
+
+
+def pose_at(x_m: float, y_m: float = 0.0, heading_rad: float = 0.0) -> Transform:
+    return world_from_camera_at((x_m, y_m, EYE_HEIGHT_M), heading_rad, np.radians(15.0))
+
+
+def empty_hall(world_from_camera: Transform) -> np.ndarray:
+    """Return the depth image (h, w) of a floor and one far wall."""
+    u, v = np.meshgrid(np.arange(INTRINSICS.width_px), np.arange(INTRINSICS.height_px))
+    rays = np.stack(
+        [(u - INTRINSICS.cx_px) / INTRINSICS.fx_px, (v - INTRINSICS.cy_px) / INTRINSICS.fy_px, np.ones(u.shape)],
+        axis=-1,
+    )
+    directions = rays @ world_from_camera.rotation.T
+    x, _, z = world_from_camera.translation
+    with np.errstate(divide="ignore", invalid="ignore"):
+        floor = np.where(directions[..., 2] < 0, -z / directions[..., 2], np.inf)
+        wall = np.where(directions[..., 0] > 0, (WALL_X_M - x) / directions[..., 0], np.inf)
+    depth = np.minimum(floor, wall).astype(np.float32)
+    depth[depth > 12.0] = np.nan
+    return depth
+
+
+@dataclass
+class Rig:
+    """An agent on fakes; ``place`` moves the walker, ``feed`` replaces what the camera gives next."""
+
+    store: DeviceStore | None = None
+    clock: SteppedClock = field(default_factory=lambda: SteppedClock(100.0))
+    pose: Transform | None = field(default_factory=lambda: pose_at(0.5))
+    spoil: Callable[[Frame], Frame | Exception] = lambda frame: frame
+    locate_error: Exception | None = None
+
+    def __post_init__(self) -> None:
+        self.output, self.uplink = FakeOutput(), FakeUplink()
+        self.sonar = FakeSonar(self.clock)
+        parts = DeviceParts(
+            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output, self.uplink,
+            lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store,
+        )  # fmt: skip
+        self.agent = DeviceAgent(
+            parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)
+        )
+
+    def _frames(self) -> Iterator[Frame | Exception]:
+        while True:
+            shown = self.pose or pose_at(0.0)
+            colour = np.zeros((INTRINSICS.height_px, INTRINSICS.width_px, 3), np.uint8)
+            yield self.spoil(Frame(self.clock.now_s() + 0.1, colour, empty_hall(shown)))
+
+    def locate(self, frame: Frame) -> Localization:
+        if self.locate_error is not None:
+            raise self.locate_error
+        quality = LocalizationQuality.LOCALIZED if self.pose is not None else LocalizationQuality.LOST
+        return Localization(frame.stamp_s, quality, self.pose, None if self.pose is None else np.eye(6) * 1e-4, 200)
+
+    def cycles(self, count: int) -> list[Cycle]:
+        done = []
+        for _ in range(count):
+            self.sonar.echo(None)
+            done.append(self.agent.run_cycle())
+            self.agent.watchdog.check()
+        return done
+
+    def lead_to(self, poi_id: str = "bar") -> Cycle:
+        self.agent.submit(SetDestination(poi_id))
+        return self.cycles(6)[-1]
+
+    @property
+    def heard(self) -> list[CueKind]:
+        return [cue.kind for cue in self.output.cues]
+
+    def messages(self, kind: type) -> list:  # type: ignore[type-arg]
+        return [message for message in self.uplink.messages if isinstance(message, kind)]
+
+    def events(self, kind: str) -> list[str]:
+        return [text for _, each, text in self.uplink.events if each == kind]
+
+
+@pytest.fixture
+def rig() -> Rig:
+    return Rig()
+
+
+def test_leads_from_idle_to_arrived(rig: Rig) -> None:
+    assert rig.cycles(1)[0].guidance.reason is Reason.NO_ROUTE
+    cycle = rig.lead_to()
+    assert (cycle.guidance.action, cycle.guidance.reason) == (Action.WALK, Reason.OK)
+    assert CueKind.WALK in rig.heard
+    (route,) = rig.messages(RouteChanged)
+    assert route.destination_id == "bar"
+    assert route.stops[-1][0] == "Bar"
+    for x_m in np.arange(0.5, 20.0, 0.1):
+        rig.pose = pose_at(float(x_m))
+        rig.cycles(1)
+    state = rig.uplink.states[-1]
+    assert (state.mode, state.reason, state.action, state.destination_id) == ("arrived", "arrived", "stop", "bar")
+    assert CueKind.ARRIVED in rig.heard
+    assert rig.events("arrived") == ["Arrived at Bar."]
+    walking = [each.speed_m_s for each in rig.uplink.states if each.mode == "guiding" and each.speed_m_s]
+    assert walking[-1] == pytest.approx(1.0, abs=0.05)
+
+
+def test_whoever_has_arrived_is_not_led_on_after_losing_the_pose(rig: Rig) -> None:
+    rig.pose = pose_at(19.5)
+    rig.lead_to()
+    assert rig.agent.state.mode == "arrived"
+    rig.pose = None
+    rig.cycles(5)
+    rig.pose = pose_at(5.0)
+    assert {cycle.guidance.action for cycle in rig.cycles(20)} == {Action.STOP}
+
+
+def test_an_unreachable_or_unknown_place_is_refused_in_words(rig: Rig) -> None:
+    for poi_id, word in (("attic", "Attic"), ("cellar", "cellar")):
+        rig.lead_to(poi_id)
+        assert rig.agent.state.mode == "idle"
+        refusal = rig.messages(RouteChanged)[-1].refusal
+        assert word in refusal
+        assert refusal in [cue.text for cue in rig.output.cues]
+        assert rig.events("route_refused")[-1] == refusal
+
+
+def test_a_refused_change_of_destination_leads_on_to_the_old_one(rig: Rig) -> None:
+    rig.lead_to("bar")
+    cycle = rig.lead_to("attic")
+    assert cycle.guidance.action is Action.WALK
+    assert rig.agent.state.destination_id == "bar"
+    last = rig.messages(RouteChanged)[-1]
+    assert last.destination_id == "bar"
+    assert "Attic" in last.refusal
+
+
+def test_pause_stops_and_resume_goes_on(rig: Rig) -> None:
+    rig.lead_to()
+    rig.agent.submit(Pause())
+    assert {cycle.guidance.reason for cycle in rig.cycles(3)} == {Reason.PAUSED}
+    assert rig.uplink.states[-1].mode == "paused"
+    rig.agent.submit(Resume())
+    assert rig.cycles(6)[-1].guidance.action is Action.WALK
+
+
+def test_a_cleared_destination_stops_the_walker_audibly(rig: Rig) -> None:
+    rig.lead_to()
+    heard = len(rig.output.cues)
+    rig.agent.submit(ClearDestination())
+    assert rig.cycles(1)[0].guidance.action is Action.STOP
+    assert CueKind.STOP in rig.heard[heard:]
+    assert rig.messages(RouteChanged)[-1].points_m == ()
+
+
+def test_a_destination_waits_for_the_pose(rig: Rig) -> None:
+    rig.pose = None
+    assert rig.lead_to().guidance.reason is Reason.POSE_LOST
+    assert rig.uplink.states[-1].mode == "guiding"
+    rig.pose = pose_at(0.5)
+    assert rig.cycles(6)[-1].guidance.action is Action.WALK
+
+
+def test_a_new_way_is_planned_when_the_walker_has_left_the_road_for_good(rig: Rig) -> None:
+    rig.lead_to()
+    version = rig.agent.state.route_version
+    rig.pose = pose_at(5.0, 3.0)
+    hold_s = rig.agent.state.settings.planning.replan_hold_s
+    rig.cycles(round(hold_s / 0.1) - 3)
+    assert rig.agent.state.route_version == version
+    rig.cycles(10)
+    assert rig.agent.state.route_version == version + 1
+
+
+def test_settings_take_effect_with_an_acknowledgement_or_not_at_all(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path / "state", tmp_path / "site")
+    rig = Rig(store)
+    rig.agent.submit(ApplySettings(7, {"follower.sub_goal_distance_m": 1.5}))
+    goal = rig.lead_to().guidance.trace.sub_goal
+    assert goal is not None
+    assert goal.x_m - 0.5 == pytest.approx(1.5, abs=0.2)
+    assert rig.messages(SettingsRunning)[-1].revision == 7
+    rig.agent.submit(ApplySettings(8, {"follower.sub_goal_distance_m": 999.0}))
+    rig.cycles(1)
+    answer = rig.messages(SettingsRunning)[-1]
+    assert (answer.revision, answer.refused_revision) == (7, 8)
+    assert "follower.sub_goal_distance_m" in answer.refusal
+    settings, revision = store.load_settings()
+    assert (settings, revision) == (rig.agent.state.settings, 7)
+
+
+def test_settings_that_no_longer_fit_give_way_to_the_defaults(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path, tmp_path / "site")
+    (tmp_path / "settings.json").write_text('{"revision": 3, "values": {"gone.setting": 1}}')
+    assert store.load_settings() == (Settings(), 0)
+
+
+def test_a_graph_waits_until_the_walker_stops_and_is_kept(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    rig = Rig(DeviceStore(tmp_path / "state", tmp_path / "site"))
+    rig.lead_to()
+    graph = PoiGraph(9, GRAPH.pois, GRAPH.edges)
+    rig.agent.submit(PublishGraph(graph))
+    rig.cycles(5)
+    assert rig.messages(GraphRunning) == []
+    assert load_poi_graph(tmp_path / "site").version == 1
+    rig.agent.submit(ClearDestination())
+    rig.cycles(2)
+    assert rig.messages(GraphRunning) == [GraphRunning(9)]
+    assert load_poi_graph(tmp_path / "site") == graph
+
+
+def test_a_map_waits_until_the_walker_stops_and_moves_into_place(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    save_site(replace(small_site, name="A newer map"), tmp_path / "staging")
+    checksum = map_checksum(tmp_path / "staging")
+    rig = Rig(DeviceStore(tmp_path / "state", tmp_path / "site"))
+    rig.lead_to()
+    rig.agent.map_arrived(tmp_path / "staging", checksum)
+    rig.cycles(5)
+    assert rig.messages(MapRunning) == []
+    assert load_site(tmp_path / "site").name == "Small site"
+    rig.agent.submit(ClearDestination())
+    rig.cycles(2)
+    assert rig.messages(MapRunning) == [MapRunning(checksum)]
+    assert load_site(tmp_path / "site").name == "A newer map"
+    assert rig.agent.hello().map_checksum == checksum
+
+
+def test_a_message_is_heard(rig: Rig) -> None:
+    rig.agent.submit(Say("The lift is out of order."))
+    rig.cycles(3)
+    assert "The lift is out of order." in [cue.text for cue in rig.output.cues]
+    assert any("The lift is out of order." in text for text in rig.events("cue"))
+
+
+# ----------------------------------------------------------------------------------------------- when things fail
+def test_a_dead_camera_stops_the_walker_says_so_and_recovers(rig: Rig) -> None:
+    rig.lead_to()
+    heard = len(rig.output.cues)
+    good, rig.spoil = rig.spoil, lambda frame: SensorError("The camera delivers no pictures: check its cable.")
+    rig.clock.sleep_until(rig.clock.now_s() + 0.1)
+    cycle = rig.cycles(2)[-1]
+    assert (cycle.guidance.action, cycle.guidance.reason) == (Action.STOP, Reason.SENSOR_STALE)
+    stop = rig.output.cues[heard]
+    assert stop.kind is CueKind.STOP
+    assert len(stop.text) > 5
+    assert rig.events("sensor") == ["The camera delivers no pictures: check its cable."]
+    rig.spoil = good
+    assert rig.cycles(6)[-1].guidance.action is Action.WALK
+    assert rig.events("sensor")[-1] == "The camera delivers again."
+    assert CueKind.WALK in rig.heard[heard:]
+
+
+def test_a_depth_image_of_nothing_stops_the_walker(rig: Rig) -> None:
+    rig.lead_to()
+    heard = len(rig.output.cues)
+    rig.spoil = lambda frame: replace(frame, depth_m=np.full_like(frame.depth_m, np.nan))
+    assert rig.cycles(1)[0].guidance.reason is Reason.DEPTH_INVALID
+    assert CueKind.STOP in rig.heard[heard:]
+
+
+def test_an_exception_in_localization_stops_the_walker_and_the_loop_goes_on(rig: Rig) -> None:
+    rig.lead_to()
+    heard = len(rig.output.cues)
+    rig.locate_error = ZeroDivisionError("a bug")
+    cycle = rig.cycles(3)[0]
+    assert cycle.guidance.action is Action.STOP
+    assert rig.heard[heard] is CueKind.STOP
+    assert rig.heard[heard:].count(CueKind.STOP) == 1
+    assert "ZeroDivisionError" in rig.events("watchdog")[0]
+    assert "a bug" in rig.uplink.states[-1].rule
+    rig.locate_error = None
+    assert rig.cycles(6)[-1].guidance.action is Action.WALK
+    assert CueKind.WALK in rig.heard[heard:]
+
+
+def test_a_decision_that_took_too_long_is_a_stop(rig: Rig) -> None:
+    rig.lead_to()
+
+    def dawdle(frame: Frame) -> Frame:
+        rig.clock.sleep_until(frame.stamp_s)
+        return frame
+
+    slow_locate = rig.locate
+
+    def locate(frame: Frame) -> Localization:
+        rig.clock.sleep_until(rig.clock.now_s() + 0.8)
+        return slow_locate(frame)
+
+    rig.agent._localizer = FakeLocalizer(locate)
+    cycle = rig.cycles(1)[0]
+    assert (cycle.guidance.action, cycle.guidance.reason) == (Action.STOP, Reason.SENSOR_STALE)
+    assert "too old" in cycle.guidance.trace.rule
+
+
+def test_no_state_that_reaches_the_console_holds_what_is_no_number(rig: Rig) -> None:
+    from navcore.wire import decode_from_device, encode
+
+    rig.lead_to()
+    rig.pose = None
+    rig.cycles(3)
+    for state in rig.uplink.states:
+        assert decode_from_device(encode(state)) == state
+
+
+def test_lock_step_runs_are_the_same_every_time() -> None:
+    def run() -> list[object]:
+        rig = Rig()
+        rig.lead_to()
+        for x_m in np.arange(0.5, 6.0, 0.1):
+            rig.pose = pose_at(float(x_m))
+            rig.cycles(1)
+        return [rig.output.cues, [replace_times(state) for state in rig.uplink.states]]
+
+    def replace_times(state):  # type: ignore[no-untyped-def]
+        import msgspec
+
+        return msgspec.structs.replace(state, cycle_ms=0.0)
+
+    assert run() == run()
+
+
+def test_orders_come_from_any_thread(rig: Rig) -> None:
+    threads = [threading.Thread(target=rig.agent.submit, args=(Say(f"message {index}"),)) for index in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    rig.cycles(1)
+    assert len([text for text in rig.events("cue") if text.startswith("Message: message")]) == 8

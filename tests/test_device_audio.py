@@ -1,0 +1,81 @@
+"""What is heard: tones in their place, words where there is a voice, each cue at its own time."""
+
+from __future__ import annotations
+
+import wave
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from device_agent.adapters.wav_file import WavFileOutput
+from device_agent.audio import render_cue
+from device_agent.speech import SAMPLE_RATE_HZ, Speech
+from navcore.cues.synthesis import steer_cue, tick_cue
+from navcore.cues.table import Cue, CueKind, CuePriority
+from navcore.errors import InputError
+
+QUIET_PLACE = 1e-4
+
+
+def read_wav(path: Path) -> np.ndarray:
+    with wave.open(str(path)) as sound:
+        assert (sound.getnchannels(), sound.getsampwidth(), sound.getframerate()) == (2, 2, SAMPLE_RATE_HZ)
+        raw = sound.readframes(sound.getnframes())
+    return np.frombuffer(raw, "<i2").reshape(-1, 2) / 32768.0
+
+
+def loudness(samples: np.ndarray) -> float:
+    return float(np.sqrt((samples**2).mean())) if samples.size else 0.0
+
+
+def test_a_steering_tone_is_louder_on_its_side() -> None:
+    left, right = render_cue(steer_cue(0.0, 40.0), Speech()), render_cue(steer_cue(0.0, -40.0), Speech())
+    assert loudness(left[:, 0]) > 3 * loudness(left[:, 1])
+    assert loudness(right[:, 1]) > 3 * loudness(right[:, 0])
+
+
+def test_each_cue_sounds_at_its_time_and_the_next_cuts_it_off(tmp_path: Path) -> None:
+    path = tmp_path / "walk.wav"
+    long_tone = Cue(12.0, CueKind.STEER, CuePriority.TURN, frequency_hz=800.0, duration_s=3.0, pan=-1.0)
+    output = WavFileOutput(path, Speech(), begin_s=10.0)
+    output.play(long_tone)
+    output.play(Cue(13.0, CueKind.STEER, CuePriority.TURN, frequency_hz=800.0, duration_s=0.5, pan=1.0))
+    output.play(tick_cue(16.0))
+    output.close()
+    heard = read_wav(path)
+
+    def between(begin_s: float, end_s: float) -> np.ndarray:
+        return heard[round(begin_s * SAMPLE_RATE_HZ) : round(end_s * SAMPLE_RATE_HZ)]
+
+    assert loudness(between(0.0, 2.0)) < QUIET_PLACE
+    assert loudness(between(2.1, 2.9)[:, 0]) > 0.1
+    assert loudness(between(3.05, 3.4)[:, 0]) < QUIET_PLACE
+    assert loudness(between(3.05, 3.4)[:, 1]) > 0.1
+    assert loudness(between(3.6, 6.0)) < QUIET_PLACE
+    assert loudness(between(6.0, 6.05)) > 0.05
+
+
+def test_words_are_spoken_and_different_words_sound_different() -> None:
+    speech = Speech()
+    if not speech.available:
+        pytest.skip("espeak-ng is not installed")
+    stop, turn = speech.samples("Stop."), speech.samples("Turn left 30 degrees.")
+    assert 0.2 * SAMPLE_RATE_HZ < len(stop) < len(turn) < 4 * SAMPLE_RATE_HZ
+    assert loudness(stop) > 0.01
+    assert loudness(turn) > 0.01
+    assert np.array_equal(stop, speech.samples("Stop."))
+    assert len(speech.samples("--help")) > 0
+
+
+def test_without_a_voice_words_are_silent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    speech = Speech()
+    assert not speech.available
+    assert len(render_cue(Cue(0.0, CueKind.STOP, CuePriority.STOP, "Stop."), speech)) == 0
+
+
+def test_a_place_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> None:
+    (tmp_path / "walk.wav").mkdir()
+    with pytest.raises(InputError, match="cannot be written"):
+        WavFileOutput(tmp_path / "walk.wav", Speech())

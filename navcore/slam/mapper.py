@@ -14,9 +14,12 @@ from navcore.geometry import FloatArray
 from navcore.slam import mapping
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import Features, IntArray, SlamCamera
+from navcore.errors import MappingError
 from navcore.slam.lie import inverse_se3
+from navcore.slam.loop_closing import LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
+from navcore.slam.slam_map import SlamMap, freeze
 from navcore.slam.tracking import (
     Track,
     extend_by_map,
@@ -30,6 +33,8 @@ from navcore.types import CameraIntrinsics, Frame
 
 MIN_START_POINTS = 100
 """Features with depth that the first frame needs."""
+MIN_TRACKED_FRAMES = 5
+"""A map needs so many tracked frames."""
 MIN_TRACKED = 25
 """Landmarks that must agree for a frame to count as tracked."""
 CLOSE_DEPTH_M = 3.5
@@ -57,6 +62,7 @@ class Mapper:
         self.builder = MapBuilder(camera, feature_count)
         self.frame_poses: list[FramePose] = []
         self._extractor = FeatureExtractor(intrinsics, camera, feature_count)
+        self._closer = LoopCloser(self.builder)
         self._last: Track | None = None
         self._before_last: Track | None = None
         self._reference = -1
@@ -77,7 +83,7 @@ class Mapper:
             track = self._insert_keyframe(track)
         camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
         self.frame_poses.append(FramePose(frame.stamp_s, self._reference, camera_from_reference))
-        self._before_last, self._last = self._last if self._was_tracked() else None, track
+        self._before_last, self._last = (self._last if self._was_tracked() else None), track
         return True
 
     def _was_tracked(self) -> bool:
@@ -152,10 +158,24 @@ class Mapper:
         mapping.fuse_with_neighbours(builder, index)
         mapping.adjust_locally(builder, index)
         mapping.cull_redundant_keyframes(builder, index)
+        if self._closer.add(index) is not None:
+            # The map has moved under the camera; its velocity is to be learned anew.
+            self._last = None
         self._reference = index
         return self._track_of(index)
 
     # ---------------------------------------------------------------------------------------------- result
+    def finish(self) -> SlamMap:
+        """Close the loops that are still open, adjust the whole map, and return it. Raises MappingError."""
+        tracked = sum(pose.reference >= 0 for pose in self.frame_poses)
+        if tracked < MIN_TRACKED_FRAMES:
+            raise MappingError(
+                f"Only {tracked} of {len(self.frame_poses)} frames could be followed, too few for a map: record again,"
+                " slowly, in good light, 0.5 to 4 m from things with texture."
+            )
+        self._closer.finish()
+        return freeze(self.builder, self._closer.places, self.trajectory())
+
     def trajectory(self) -> list[tuple[float, FloatArray]]:
         """Return stamp and world_from_camera (4, 4) of every tracked frame."""
         return [

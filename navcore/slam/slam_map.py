@@ -1,0 +1,301 @@
+"""The finished map: frozen, compact, stored as plain arrays, and ready to be localized in.
+
+Only what lives is kept: key frames and landmarks are numbered anew. Transforms are ``camera_from_world`` as everywhere in
+this package; the world is the site's levelled frame once :meth:`SlamMap.transformed` has been applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.compiled import kernel
+from navcore.errors import SiteError
+from navcore.geometry import FloatArray
+from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT, NO_LANDMARK, ByteArray, IntArray, SlamCamera
+from navcore.slam.map import MapBuilder
+from navcore.slam.place_recognition import PlaceIndex
+
+BoolArray = NDArray[np.bool_]
+Int64Array = NDArray[np.int64]
+
+_PLACE_PREFIX = "place_"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SlamMap:
+    """Key frames, landmarks, what sees what, and the index of places. Arrays are C-contiguous."""
+
+    camera: SlamCamera
+    keyframe_stamp_s: FloatArray
+    """(K,)."""
+    camera_from_world: FloatArray
+    """(K, 4, 4): poses of the key frames."""
+    parent: IntArray
+    """(K,): spanning tree, −1 at its root."""
+    loop_edges: IntArray
+    """(L, 2): key frames that loop closing joined."""
+    feature_start: Int64Array
+    """(K + 1,): features of key frame k are ``feature_start[k]`` up to ``feature_start[k + 1]``."""
+    feature_uvr_px: NDArray[np.float32]
+    """(M, 3): undistorted u, v, and u_r (NaN without depth)."""
+    feature_octave: ByteArray
+    """(M,)."""
+    feature_angle_rad: NDArray[np.float32]
+    """(M,)."""
+    feature_descriptor: ByteArray
+    """(M, 32)."""
+    feature_landmark: IntArray
+    """(M,): landmark that the feature shows, or −1."""
+    positions: FloatArray
+    """(N, 3): landmarks, metres in the world."""
+    normals: FloatArray
+    """(N, 3): mean viewing directions."""
+    reach: FloatArray
+    """(N,): see :attr:`navcore.slam.map.MapBuilder.reach`."""
+    descriptors: ByteArray
+    """(N, 32)."""
+    trajectory_stamp_s: FloatArray
+    """(T,): every tracked frame of the recording."""
+    trajectory: FloatArray
+    """(T, 4, 4): world_from_camera."""
+    places: PlaceIndex
+    """Which key frames look like an image."""
+    landmark_of: IntArray
+    """(K, F): ``feature_landmark`` by key frame, padded with NO_LANDMARK."""
+    observer_start: Int64Array
+    """(N + 1,): observers of landmark n are ``observer[observer_start[n]]`` and the following."""
+    observer: IntArray
+    """(observations,): key frames."""
+    landmark_alive: BoolArray
+    """(N,): all True; tracking asks."""
+
+    @property
+    def keyframe_count(self) -> int:
+        """K."""
+        return len(self.keyframe_stamp_s)
+
+    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the key frames that see any of the landmarks, best first, and how many of them each sees."""
+        counts = _seen_by_each(self.observer_start, self.observer, landmarks.astype(np.int32), self.keyframe_count)
+        seeing = np.flatnonzero(counts).astype(np.int32)
+        order = np.lexsort((-seeing, -counts[seeing]))
+        return seeing[order], counts[seeing[order]]
+
+    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
+        """Return the key frames that share at least ``min_shared`` landmarks with one, best first, and how many."""
+        seeing, counts = self.keyframes_seeing(self.landmark_of[index])
+        chosen = (seeing != index) & (counts >= min_shared)
+        return seeing[chosen], counts[chosen]
+
+    def transformed(self, new_from_old: FloatArray) -> SlamMap:
+        """Return the same map in another world frame, ``new_from_old`` (4, 4)."""
+        rotation, translation = new_from_old[:3, :3], new_from_old[:3, 3]
+        return replace(
+            self,
+            camera_from_world=np.ascontiguousarray(self.camera_from_world @ np.linalg.inv(new_from_old)),
+            positions=np.ascontiguousarray(self.positions @ rotation.T + translation),
+            normals=np.ascontiguousarray(self.normals @ rotation.T),
+            trajectory=np.ascontiguousarray(new_from_old @ self.trajectory),
+        )
+
+    # ---------------------------------------------------------------------------------------------- storage
+    def to_arrays(self) -> dict[str, NDArray[Any]]:
+        """Return everything as plain arrays by name, to be stored."""
+        camera = self.camera
+        arrays: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _SHAPES if name != "camera"}
+        arrays["camera"] = np.array(
+            [
+                camera.width_px,
+                camera.height_px,
+                camera.fx_px,
+                camera.fy_px,
+                camera.cx_px,
+                camera.cy_px,
+                camera.bf_px_m,
+            ]
+        )
+        arrays.update({_PLACE_PREFIX + name: array for name, array in self.places.arrays().items()})
+        return arrays
+
+    @staticmethod
+    def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> SlamMap:
+        """Read back what :meth:`to_arrays` gave. Raises SiteError where something is missing or does not fit."""
+        checked = _checked(arrays)
+        try:
+            places = PlaceIndex.from_arrays(
+                {name.removeprefix(_PLACE_PREFIX): a for name, a in arrays.items() if name.startswith(_PLACE_PREFIX)}
+            )
+        except (KeyError, ValueError, IndexError, TypeError) as error:
+            raise _damaged("its index of places is incomplete") from error
+        values = checked.pop("camera")
+        camera = SlamCamera(int(values[0]), int(values[1]), *(float(value) for value in values[2:]))
+        return _assembled(camera, places, checked)
+
+
+def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray[Any]]) -> SlamMap:
+    start, landmark = arrays["feature_start"], arrays["feature_landmark"]
+    landmark_of = _padded(start, landmark)
+    observer_start, observer = _observers(landmark_of, len(arrays["positions"]))
+    return SlamMap(
+        camera=camera,
+        places=places,
+        landmark_of=landmark_of,
+        observer_start=observer_start,
+        observer=observer,
+        landmark_alive=np.ones(len(arrays["positions"]), np.bool_),
+        **arrays,
+    )
+
+
+def freeze(
+    builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float, FloatArray]]
+) -> SlamMap:
+    """Return the finished map of a builder, with the place index over it and the trajectory of the recording.
+
+    ``places`` names key frames as the builder does; ``trajectory`` holds stamps and world_from_camera (4, 4).
+    """
+    alive = np.flatnonzero(builder.keyframe_alive)
+    counts = builder.observation_counts()
+    living = np.flatnonzero(builder.landmark_alive & (counts > 0))
+    new_landmark = np.full(builder.landmark_count + 1, NO_LANDMARK, np.int32)
+    new_landmark[living] = np.arange(len(living), dtype=np.int32)
+    new_keyframe = np.full(len(builder.keyframes) + 1, -1, np.int32)
+    new_keyframe[alive] = np.arange(len(alive), dtype=np.int32)
+    features = [builder.keyframes[k].features for k in alive.tolist()]
+    lengths = [len(f) for f in features]
+    arrays: dict[str, NDArray[Any]] = {
+        "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
+        "camera_from_world": builder.camera_from_world[alive],
+        "parent": new_keyframe[builder.parent[alive]],
+        "loop_edges": _renumbered([(i, j) for i, j, _ in builder.loop_edges], new_keyframe),
+        "feature_start": np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
+        "feature_uvr_px": np.concatenate([f.uvr_px for f in features]).astype(np.float32),
+        "feature_octave": np.concatenate([f.octave for f in features]).astype(np.uint8),
+        "feature_angle_rad": np.concatenate([f.angle_rad for f in features]).astype(np.float32),
+        "feature_descriptor": np.concatenate([f.descriptors for f in features]),
+        "feature_landmark": new_landmark[
+            np.concatenate([builder.landmark_of[k, :n] for k, n in zip(alive.tolist(), lengths, strict=True)])
+        ],
+        "positions": builder.positions[living],
+        "normals": builder.normals[living],
+        "reach": builder.reach[living],
+        "descriptors": builder.descriptors[living],
+        "trajectory_stamp_s": np.array([stamp for stamp, _ in trajectory], dtype=np.float64),
+        "trajectory": np.array([pose for _, pose in trajectory], dtype=np.float64).reshape(-1, 4, 4),
+    }
+    index = PlaceIndex(places.vocabulary)
+    for k, feature in zip(alive.tolist(), features, strict=True):
+        index.add(int(new_keyframe[k]), feature.descriptors)
+    return _assembled(builder.camera, index, arrays)
+
+
+def _renumbered(edges: list[tuple[int, int]], new_keyframe: IntArray) -> IntArray:
+    kept = [(new_keyframe[i], new_keyframe[j]) for i, j in edges if new_keyframe[i] >= 0 and new_keyframe[j] >= 0]
+    return np.array(kept, dtype=np.int32).reshape(-1, 2)
+
+
+# -------------------------------------------------------------------------------------------------- validation
+_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
+    "camera": (np.float64, (7,)),
+    "keyframe_stamp_s": (np.float64, ("K",)),
+    "camera_from_world": (np.float64, ("K", 4, 4)),
+    "parent": (np.int32, ("K",)),
+    "loop_edges": (np.int32, ("L", 2)),
+    "feature_start": (np.int64, ("K+1",)),
+    "feature_uvr_px": (np.float32, ("M", 3)),
+    "feature_octave": (np.uint8, ("M",)),
+    "feature_angle_rad": (np.float32, ("M",)),
+    "feature_descriptor": (np.uint8, ("M", DESCRIPTOR_BYTES)),
+    "feature_landmark": (np.int32, ("M",)),
+    "positions": (np.float64, ("N", 3)),
+    "normals": (np.float64, ("N", 3)),
+    "reach": (np.float64, ("N",)),
+    "descriptors": (np.uint8, ("N", DESCRIPTOR_BYTES)),
+    "trajectory_stamp_s": (np.float64, ("T",)),
+    "trajectory": (np.float64, ("T", 4, 4)),
+}
+"""Type and shape of every stored array; letters stand for lengths that must agree."""
+_FINITE = ("camera", "camera_from_world", "positions", "normals", "reach", "trajectory")
+
+
+def _damaged(what: str) -> SiteError:
+    return SiteError(f"The map is damaged, {what}: build it again, or restore the site from a copy.")
+
+
+def _checked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    lengths: dict[str, int] = {}
+    checked: dict[str, NDArray[Any]] = {}
+    for name, (dtype, shape) in _SHAPES.items():
+        if name not in arrays:
+            raise _damaged(f"{name} is missing")
+        array = arrays[name]
+        if array.dtype != dtype or array.ndim != len(shape):
+            raise _damaged(f"{name} has the wrong type or shape")
+        for size, expected in zip(array.shape, shape, strict=True):
+            if isinstance(expected, str) and expected != "K+1":
+                expected = lengths.setdefault(expected, size)
+            elif expected == "K+1":
+                expected = lengths["K"] + 1
+            if size != expected:
+                raise _damaged(f"{name} has the wrong length")
+        if name in _FINITE and not np.isfinite(array).all():
+            raise _damaged(f"{name} holds something that is no number")
+        checked[name] = np.ascontiguousarray(array)
+    _check_indices(checked, lengths)
+    return checked
+
+
+def _check_indices(arrays: dict[str, NDArray[Any]], lengths: dict[str, int]) -> None:
+    start = arrays["feature_start"]
+    if start[0] != 0 or start[-1] != lengths["M"] or np.any(np.diff(start) < 0):
+        raise _damaged("feature_start does not divide the features")
+    for name, count in (("feature_landmark", "N"), ("parent", "K"), ("loop_edges", "K")):
+        values = arrays[name]
+        if len(values) and (values.min() < -1 or values.max() >= lengths[count]):
+            raise _damaged(f"{name} points at nothing")
+    if len(arrays["feature_octave"]) and arrays["feature_octave"].max() >= LEVEL_COUNT:
+        raise _damaged("feature_octave names a level that does not exist")
+
+
+def _padded(start: Int64Array, landmark: IntArray) -> IntArray:
+    lengths = np.diff(start)
+    padded = np.full((len(lengths), int(lengths.max(initial=1))), NO_LANDMARK, np.int32)
+    for k, (begin, end) in enumerate(zip(start[:-1].tolist(), start[1:].tolist(), strict=True)):
+        padded[k, : end - begin] = landmark[begin:end]
+    return padded
+
+
+# --------------------------------------------------------------------------------------------------- kernels
+@kernel
+def _observers(landmark_of: IntArray, landmark_count: int) -> tuple[Int64Array, IntArray]:
+    start = np.zeros(landmark_count + 1, np.int64)
+    for k in range(landmark_of.shape[0]):
+        for f in range(landmark_of.shape[1]):
+            if landmark_of[k, f] >= 0:
+                start[landmark_of[k, f] + 1] += 1
+    for n in range(landmark_count):
+        start[n + 1] += start[n]
+    filled = start[:-1].copy()
+    observer = np.empty(start[-1], np.int32)
+    for k in range(landmark_of.shape[0]):
+        for f in range(landmark_of.shape[1]):
+            landmark = landmark_of[k, f]
+            if landmark >= 0:
+                observer[filled[landmark]] = k
+                filled[landmark] += 1
+    return start, observer
+
+
+@kernel
+def _seen_by_each(start: Int64Array, observer: IntArray, landmarks: IntArray, keyframe_count: int) -> IntArray:
+    counts = np.zeros(keyframe_count, np.int32)
+    for landmark in landmarks:
+        if landmark >= 0:
+            for i in range(start[landmark], start[landmark + 1]):
+                counts[observer[i]] += 1
+    return counts

@@ -12,6 +12,7 @@ import queue
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 from device_agent.cycle import Cycle, walker_state
@@ -31,7 +32,6 @@ from device_agent.state import (
 )
 from device_agent.voice import Voice
 from device_agent.watchdog import Heartbeat, Watchdog
-from navcore import __version__
 from navcore.cues.table import Cue
 from navcore.errors import SiteError, VbrError
 from navcore.settings import Settings
@@ -75,6 +75,7 @@ class DeviceAgent:
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
+        self._version = metadata.version("virtual-blind-road")
         self.watchdog = Watchdog(
             parts.clock,
             parts.output,
@@ -94,7 +95,7 @@ class DeviceAgent:
         """Return who this device is and what it runs."""
         state = self.state
         return Hello(
-            PROTOCOL_VERSION, self._parts.device_id, __version__, state.site_id, state.map_checksum,
+            PROTOCOL_VERSION, self._parts.device_id, self._version, state.site_id, state.map_checksum,
             state.graph.version, state.settings_revision, self._parts.clock.now_s(),
         )  # fmt: skip
 

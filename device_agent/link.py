@@ -93,6 +93,9 @@ class ConsoleLink:
     def stop(self) -> None:
         """Leave the console and end the thread."""
         self._stopping = True
+        if not self._thread.ident:
+            self._loop.close()
+            return
         with contextlib.suppress(RuntimeError):
             self._loop.call_soon_threadsafe(self._cancel_all)
         if self._thread.is_alive():

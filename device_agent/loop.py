@@ -16,6 +16,7 @@ from device_agent.voice import Voice
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
 from navcore.guide import guide
+from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
     DecisionTrace,
@@ -86,7 +87,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     with times.stage("plan"):
         state, planned = plan_if_needed(state, pose, frame.stamp_s)
     with times.stage("scan"):
-        scan = scan_frame(frame, intrinsics, located, settings)
+        scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
         sonar = _sonar(ports)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)

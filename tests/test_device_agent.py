@@ -166,6 +166,7 @@ def test_an_unreachable_or_unknown_place_is_refused_in_words(rig: Rig) -> None:
     for poi_id, word in (("attic", "Attic"), ("cellar", "cellar")):
         rig.lead_to(poi_id)
         assert rig.agent.state.mode == "idle"
+        rig.cycles(30)
         refusal = rig.messages(RouteChanged)[-1].refusal
         assert word in refusal
         assert refusal in [cue.text for cue in rig.output.cues]

@@ -29,11 +29,12 @@ class WavFileOutput:
         """``begin_s`` is the time at which the file begins; the first cue's where it is None. Raises InputError."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._file = wave.open(str(path), "wb")  # noqa: SIM115 - closed by close()
+            self._stream = path.open("wb")
         except OSError as error:
             raise InputError(
                 f"{path} cannot be written ({error.strerror}): name another file for the sound."
             ) from error
+        self._file = wave.open(self._stream, "wb")  # noqa: SIM115 - closed in the thread
         self._file.setnchannels(2)
         self._file.setsampwidth(2)
         self._file.setframerate(SAMPLE_RATE_HZ)
@@ -56,7 +57,7 @@ class WavFileOutput:
             self._thread.join()
 
     def _run(self) -> None:
-        with contextlib.closing(self._file):
+        with self._stream, contextlib.closing(self._file):
             while (cue := self._cues.get()) is not None:
                 self._begin_s = cue.stamp_s if self._begin_s is None else self._begin_s
                 self._write_until(round((cue.stamp_s - self._begin_s) * SAMPLE_RATE_HZ))

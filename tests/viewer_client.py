@@ -8,7 +8,6 @@ from types import SimpleNamespace
 from typing import Any, TypeVar
 
 import numpy as np
-import viser
 import viser._messages as messages
 from viser.infra._async_message_buffer import AsyncMessageBuffer
 from viser.infra._infra import ClientId, WebsockClientConnection, _ClientHandleState
@@ -17,6 +16,7 @@ from console.roles import Role, SignedIn
 from console.viewer.labels import Lens, project
 from console.viewer.scene import Scene
 from console.viewer.session_view import SessionView
+from navcore.geometry import quat_xyzw_from_rotation
 
 T = TypeVar("T")
 WINDOW_PX = (1200, 800)
@@ -96,13 +96,18 @@ class FakeBrowser:
         origin, direction, screen = self._ray((x_m, y_m, 0.0))
         self.send(messages.ScenePointerMessage("click", origin, direction, (screen,), None))
 
-    def click_node(self, name: str, place_m: tuple[float, float, float], instance: int | None = None) -> None:
-        """Click on a node: viser sends the click on the node, then the one on the scene behind it."""
+    def click_node(
+        self, name: str, place_m: tuple[float, float, float], instance: int | None = None, owner: int | None = None
+    ) -> None:
+        """Click on a node: viser sends the click on the node, then the one on the scene behind it.
+
+        ``owner`` names the window that the node belongs to: another one is a forged message.
+        """
         origin, direction, screen = self._ray(place_m)
         self.send(
             messages.SceneNodeClickMessage(
-                name, instance, origin, direction, screen, None, owner=str(self.client_id)
-            )  # fmt: skip
+                name, instance, origin, direction, screen, None, owner=str(self.client_id if owner is None else owner)
+            )
         )
         self.send(messages.ScenePointerMessage("click", origin, direction, (screen,), None))
 
@@ -132,7 +137,7 @@ class FakeBrowser:
                 "left",
                 None,
                 owner=str(self.client_id),
-            )  # type: ignore[arg-type] # fmt: skip
+            )
         )
 
     def press(self, label: str) -> None:
@@ -178,10 +183,5 @@ def _is_shown(handle: Any) -> bool:
 
 
 def _quat_wxyz(rotation: Any) -> Any:
-    from navcore.geometry import quat_xyzw_from_rotation
-
     x, y, z, w = quat_xyzw_from_rotation(rotation)
     return np.array([w, x, y, z])
-
-
-__all__ = ["FakeBrowser", "viser"]

@@ -17,7 +17,7 @@ CEILING_M = 2.2
 """What is higher than this hides the inside of a floor seen from above: it is a layer of its own."""
 _SURFACE_CELL_M = 0.25
 _WHOLE_FLOOR_FOV_RAD = math.radians(50.0)
-_OBLIQUE_RAD = math.radians(52.0)
+_OBLIQUE_RAD = math.radians(60.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

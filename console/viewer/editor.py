@@ -211,6 +211,7 @@ class Editor:
         if point_m is None:
             return
         try:
+            point_m = self._slid(poi, point_m)
             self._moved = self._model.preview(_move(poi, point_m))
         except VbrError as error:
             # Held at the last good place; said once, when the drag ends there.
@@ -227,6 +228,10 @@ class Editor:
             self._tell("Not moved that far", refusal)
         if poi is not None and target is not None:
             self._apply(_move(poi, target))
+
+    def _slid(self, poi: Poi, point_m: FloorPoint) -> FloorPoint:
+        """A place on the road stays on it, wherever the hand is."""
+        return self._model.network.nearest(*point_m).xy_m if poi.on_road else point_m
 
     def _end_drag(self) -> None:
         self.moving_id = self._moved = self._moved_to = None

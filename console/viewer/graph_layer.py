@@ -183,8 +183,8 @@ def _edge_words(edge: Edge) -> str:
     if edge.closed:
         words.append("closed")
     if edge.cost_multiplier > 1.0:
-        words.append(f"x {edge.cost_multiplier:g}")
-    return ", ".join(words)
+        words.append(f"× {edge.cost_multiplier:g}")
+    return " · ".join(words)
 
 
 def _edge_colour(edge: Edge, selected_id: str | None) -> Rgb:

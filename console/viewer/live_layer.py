@@ -16,6 +16,7 @@ from console.live import Freshness
 from console.viewer import appearance as look
 from console.viewer import meshes
 from console.viewer.appearance import Rgb
+from console.viewer.labels import LabelSpot
 from console.viewer.live_view import LiveView
 from navcore.geometry import FloatArray
 from navcore.wire import WalkerState
@@ -23,6 +24,7 @@ from navcore.wire import WalkerState
 _SONAR_RANGE_M = 4.25
 _SONAR_HALF_FIELD_RAD = math.radians(7.5)
 _ARROW_LENGTH_M = 1.1
+_CUE_SCALE = 1.25
 _ROUTE_Z_M, _TRAIL_Z_M, _DOT_Z_M, _FAN_Z_M = 0.10, 0.05, 0.16, 0.22
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
@@ -75,6 +77,14 @@ class LiveLayer:
             self._dot("sub_goal", state.sub_goal if believed else None)
             self._dot("closest", view.closest_m if believed else None)
 
+    @property
+    def cue_spot(self) -> LabelSpot | None:
+        """The words above the walker, as other labels must keep clear of them."""
+        if not (self._root.visible and self._figure.words):
+            return None
+        x_m, y_m, _ = (round(float(part), 1) for part in self._root.position)
+        return LabelSpot("cue", self._figure.words, (x_m, y_m, 2.05), 9, _CUE_SCALE, raised=True)
+
     def hide_details(self, hidden: bool) -> None:
         """Show the walker alone, without candidates, sonar and camera."""
         self._extras.hidden = hidden
@@ -96,6 +106,7 @@ class _Figure:
     """The person, the disc of uncertainty, and the words above."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
+        self.words = ""
         scene = client.scene
         body, disc, cone = meshes.walker_body(), meshes.lathe([(0.0, 0.0), (1.0, 0.0)], 48), meshes.unit_cone()
         self._frame = scene.add_frame("/walker/figure", show_axes=False)
@@ -115,7 +126,12 @@ class _Figure:
             position=(0.0, 0.0, 0.03), **_FLAT,
         )  # fmt: skip
         self._cue = scene.add_label(
-            "/walker/cue", "", position=(0.0, 0.0, 2.05), anchor="bottom-center", font_screen_scale=1.3, visible=False
+            "/walker/cue",
+            "",
+            position=(0.0, 0.0, 2.05),
+            anchor="bottom-center",
+            font_screen_scale=_CUE_SCALE,
+            visible=False,
         )
 
     def show(self, view: LiveView, eye_m: float, believed: bool) -> None:
@@ -132,6 +148,7 @@ class _Figure:
         text = self._words(view)
         self._cue.text = text
         self._cue.visible = bool(text)
+        self.words = text
         self._cue.position = (0.0, 0.0, 2.05 * height)
 
     @staticmethod
@@ -139,7 +156,7 @@ class _Figure:
         age_s = view.age_s or 0.0
         if view.freshness is not Freshness.LIVE:
             return f"{view.freshness.value.upper()}, seen {look.age_text(age_s)}"
-        return f'"{view.cue}"' if view.cue else ""
+        return f"“{view.cue}”" if view.cue else ""
 
 
 class _Extras:

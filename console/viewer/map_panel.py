@@ -143,7 +143,7 @@ class _PlaceForm:
         before, self._poi = self._poi, poi
         if before is None or _naming(before) != _naming(poi):
             set_value(self._name, poi.name)
-            self._kind.value = look.KINDS[poi.kind].word
+            set_value(self._kind, look.KINDS[poi.kind].word)
             set_value(self._spoken, poi.spoken_name)
 
 

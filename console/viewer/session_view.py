@@ -71,7 +71,7 @@ class SessionView:
         self.tuning_panel: TuningPanel | None = None
         if self.person.role in TUNING:
             with tabs.add_tab("Tuning", viser.Icon.ADJUSTMENTS):
-                self.tuning_panel = TuningPanel(self.client, hub, self.person, self.tell)
+                self.tuning_panel = TuningPanel(self.client, hub, self._services.tuning, self.person, self.tell)
         followed = self._services.views.followed(self.person.session_id)
         if followed is not None:
             self.walker_panel.device_id = followed
@@ -199,7 +199,7 @@ class SessionView:
     def _arrange_labels(self) -> None:
         camera = self.client.camera
         lengths = self.view_panel.lengths.value
-        seen = (camera.update_timestamp, lengths)
+        seen = (camera.update_timestamp, lengths, self.live.cue_spot)
         if seen == self._labels_for:
             return
         self._labels_for = seen
@@ -214,7 +214,8 @@ class SessionView:
         for key, label in self.graph.length_labels.items():
             x_m, y_m, z_m = (float(part) for part in label.position)
             spots.append(LabelSpot(f"edge {key}", label.text, (x_m, y_m, z_m), 0, 0.75))
-        shown = readable(spots, lens)
+        cue = self.live.cue_spot
+        shown = readable([*spots, cue] if cue is not None else spots, lens)
         with self.client.atomic():
             for key, tag in self.graph.tags.items():
                 tag.label.visible = f"poi {key}" in shown

@@ -1,7 +1,7 @@
 """Sliders for the settings of a device, made from the settings model.
 
-A value is sent when it is let go, as a whole and validated here first; the panel says whether it was sent, runs, or
-was refused, and what the device really runs.
+A value is sent when it is let go; what people's safety hangs on only once that is confirmed. The panel says whether the
+change was sent, runs, or was refused, and what the device really runs.
 """
 
 from __future__ import annotations
@@ -11,117 +11,158 @@ from typing import Any
 
 import viser
 
-from console.errors import ConflictError
+from console.errors import ConflictError, ForbiddenError
 from console.hub import DeviceHub
 from console.live import Command, LiveDevice
 from console.roles import TUNING, SignedIn
-from console.viewer.widgets import nothing, on_change, set_value
+from console.tuning import Tuning
+from console.viewer.widgets import nothing, on_change, on_press, set_value
 from console.viewer.wording import card
 from navcore.errors import VbrError
-from navcore.settings import Settings, SettingSpec, SettingValue, setting_specs
+from navcore.settings import SettingSpec, SettingValue, setting_specs
 
 GROUPS = ("obstacle", "follower", "gate", "cues")
 """The groups that are worth a slider beside the scene; the settings page has them all."""
 SETTLED_AFTER_S = 0.4
 """A slider that has not moved for so long has been let go."""
 Tell = Callable[[str, str], None]
+_SPECS = {spec.key: spec for spec in setting_specs()}
 
 
 class TuningPanel:
     """Sliders of one client for one device at a time."""
 
-    def __init__(self, client: viser.ClientHandle, hub: DeviceHub, person: SignedIn, tell: Tell) -> None:
+    def __init__(
+        self, client: viser.ClientHandle, hub: DeviceHub, tuning: Tuning, person: SignedIn, tell: Tell
+    ) -> None:
         self._hub = hub
+        self._tuning = tuning
         self._person = person
         self._tell = tell
         self._device: LiveDevice | None = None
-        self._pending: dict[str, SettingValue] = {}
-        self._touched_s = 0.0
-        self._shown_revision: tuple[str, int, int] | None = None
+        self._moved: dict[str, SettingValue] = {}
+        self._moved_s = 0.0
+        self._to_confirm: dict[str, SettingValue] = {}
+        self._shown: tuple[str, int, int] | None = None
         self._widgets: dict[str, Any] = {}
         gui = client.gui
         self._words = gui.add_html(card("No device has told its settings yet."))
+        self._add_confirmation(gui)
         for group in GROUPS:
             specs = [spec for spec in setting_specs() if spec.group == group]
             with gui.add_folder(specs[0].group_title, expand_by_default=False):
                 for spec in specs:
                     self._add(gui, spec)
 
+    def _add_confirmation(self, gui: viser.GuiApi) -> None:
+        self._confirmation = gui.add_folder("People's safety hangs on this", visible=False)
+        with self._confirmation:
+            self._question = gui.add_html("")
+            send = gui.add_button("Send it", icon=viser.Icon.CHECK, color="orange")
+            back = gui.add_button("Take it back", color="gray")
+        on_press(send, self._confirm, nothing)
+        on_press(back, self._take_back, nothing)
+
     def _add(self, gui: viser.GuiApi, spec: SettingSpec) -> None:
         widget = _widget(gui, spec)
         self._widgets[spec.key] = widget
-        on_change(widget, lambda: self._touch(spec.key, widget.value), nothing)
 
-    def _touch(self, key: str, value: SettingValue) -> None:
-        self._pending[key] = value
-        self._touched_s = self._hub.now_s()
+        def move() -> None:
+            self._moved[spec.key] = widget.value
+            self._moved_s = self._hub.now_s()
 
+        on_change(widget, move, nothing)
+
+    # ----------------------------------------------------------------------------------------------- sending
     def tick(self, device: LiveDevice | None) -> None:
         """Send what was let go, and show what the device runs."""
-        if self._pending and self._hub.now_s() - self._touched_s >= SETTLED_AFTER_S:
-            self._send(dict(self._pending))
-            self._pending.clear()
-        self._show(device)
+        self._device = device
+        if self._moved and self._hub.now_s() - self._moved_s >= SETTLED_AFTER_S:
+            self._let_go()
+        self._show()
 
-    def _send(self, changes: dict[str, SettingValue]) -> None:
+    def _let_go(self) -> None:
+        changes, self._moved = self._to_confirm | self._moved, {}
+        if any(_SPECS[key].safety for key in changes):
+            self._to_confirm = changes
+            self._question.content = card("; ".join(_change_words(key, value) for key, value in changes.items()))
+            self._confirmation.visible = True
+        else:
+            self._send(changes, confirmed=False)
+
+    def _confirm(self) -> None:
+        changes = self._to_confirm
+        self._forget()
+        self._send(changes, confirmed=True)
+
+    def _take_back(self) -> None:
+        self._forget()
+        self._shown = None
+
+    def _forget(self) -> None:
+        self._to_confirm = {}
+        self._confirmation.visible = False
+
+    def _send(self, changes: dict[str, SettingValue], *, confirmed: bool) -> None:
         try:
             if self._person.role not in TUNING:
-                raise ConflictError("Your role may not change settings: ask a technician.")
-            device = self._device
-            if device is None or device.settings is None:
-                raise ConflictError("No device has told its settings yet: wait until one is connected.")
-            values = Settings().changed(device.settings).changed(changes).values()
-            self._hub.apply_settings(device.device_id, next_revision(device), values, self._person.user_name)
+                raise ForbiddenError("Your role may not change settings: ask a technician.")
+            if self._device is None:
+                raise ConflictError("No device has connected yet: try again when one has.")
+            self._tuning.change(self._device.device_id, changes, self._person.user_name, confirmed=confirmed)
         except VbrError as error:
             self._tell("Not sent", str(error))
-            self._shown_revision = None
+            self._shown = None
 
-    def _show(self, device: LiveDevice | None) -> None:
-        self._device = device
+    # ----------------------------------------------------------------------------------------------- showing
+    def _show(self) -> None:
+        device = self._device
         if device is None or device.settings is None:
             return
-        last = last_apply(device)
+        last = last_change(device)
         self._words.content = card(words(device, last))
+        waiting = last is not None and last.state == "sent"
+        seen = device.device_id, device.settings_revision, last.id if last is not None else 0
         # Sliders follow the device when it runs, or has refused, something new: never while somebody moves one.
-        seen = device.device_id, device.settings_revision, last.id if last is not None and last.state != "sent" else 0
-        if self._pending or seen == self._shown_revision:
+        if self._moved or self._to_confirm or waiting or seen == self._shown:
             return
-        self._shown_revision = seen
+        self._shown = seen
         for key, widget in self._widgets.items():
-            if key in device.settings and (last is None or last.state != "sent"):
+            if key in device.settings:
                 set_value(widget, device.settings[key])
 
 
 def _widget(gui: viser.GuiApi, spec: SettingSpec) -> Any:
-    label = spec.name.rsplit("_", 1)[0].replace("_", " ") if spec.unit else spec.name.replace("_", " ")
-    label = f"{label} ({spec.unit})" if spec.unit else label
-    hint = f"{spec.meaning} {spec.source}. {spec.range_text().capitalize()}."
+    label = (spec.name.rsplit("_", 1)[0] if spec.unit else spec.name).replace("_", " ").capitalize()
+    label = f"{label}, {spec.unit}" if spec.unit else label
+    hint = f"{spec.meaning} ({spec.source}) {spec.range_text().capitalize()}."
     if spec.choices:
         return gui.add_dropdown(label, spec.choices, initial_value=str(spec.default), hint=hint)
     if spec.kind == "bool" or spec.low is None or spec.high is None:
         return gui.add_checkbox(label, bool(spec.default), hint=hint)
     number = int if spec.kind == "int" else float
-    low, high, step = number(spec.low), number(spec.high), number(spec.step or (spec.high - spec.low) / 100)
-    return gui.add_slider(label, low, high, step, number(spec.default), hint=hint)
+    step = number(spec.step or (spec.high - spec.low) / 100)
+    return gui.add_slider(label, number(spec.low), number(spec.high), step, number(spec.default), hint=hint)
 
 
-def next_revision(device: LiveDevice) -> int:
-    """Return a revision number that this device has not seen yet."""
-    asked = [int(c.detail) for c in device.commands if c.kind == "apply_settings" and c.detail.isdigit()]
-    return max([device.settings_revision, *asked]) + 1
+def _change_words(key: str, value: SettingValue) -> str:
+    spec = _SPECS[key]
+    number = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{spec.group_title}: {spec.name.replace('_', ' ')} = {number}"
 
 
-def last_apply(device: LiveDevice) -> Command | None:
+def last_change(device: LiveDevice) -> Command | None:
     """Return the latest change of settings that was asked for."""
     return next((c for c in reversed(device.commands) if c.kind == "apply_settings"), None)
 
 
 def words(device: LiveDevice, last: Command | None) -> str:
     """Return what became of the latest change, in one sentence."""
+    running = f"{device.name} runs revision {device.settings_revision}."
     if last is None or last.state == "running":
-        return f"{device.name} runs revision {device.settings_revision}."
+        return running
     if last.state == "sent":
         return f"Sent revision {last.detail}: waiting for {device.name}."
     if last.state == "refused":
-        return f"Refused: {last.refusal} {device.name} runs revision {device.settings_revision}."
-    return f"Revision {last.detail} was not answered; {device.name} runs revision {device.settings_revision}."
+        return f"Refused: {last.refusal} {running}"
+    return f"Revision {last.detail} was not answered. {running}"

@@ -1,0 +1,108 @@
+"""From a depth image to what stands in the way and where one can walk (reference [13] of the paper, reconstructed).
+
+The blind wedge: a camera at eye height, pitched 15° down, sees the floor from about 1.8 m on, and nothing low that is
+nearer. What is too near and too low to be seen has been seen before, from farther away; this scan is of one image.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.geometry import FloatArray, Transform
+from navcore.obstacle.corridor import candidate_directions, clearance_ahead_m
+from navcore.obstacle.levelling import Levelling, level_by_floor, level_by_pose, refine_by_floor
+from navcore.obstacle.polar_grid import MAX_RANGE_M, RANGE_STEP_M, PolarGrid, polar_grid
+from navcore.settings import ObstacleSettings
+from navcore.types import BearingState, CameraIntrinsics, DepthImage, ObstacleScan
+
+_MIN_OBSTACLE_POINTS = 4
+"""Points in a cell and the next one before something stands there: flying pixels and noise are fewer."""
+_MIN_DROP_POINTS = 8
+"""A glossy floor mirrors points to below it, so more are asked for."""
+_MIN_VALID_SHARE = 0.3
+_MIN_RAY_SHARE = 0.4
+"""Bearings with fewer rays than this share of the usual are beside the image."""
+
+
+def scan(
+    depth_m: DepthImage,
+    intrinsics: CameraIntrinsics,
+    world_from_camera: Transform | None,
+    settings: ObstacleSettings,
+) -> ObstacleScan:
+    """Return what the depth image says along each bearing, and the candidate walkable directions.
+
+    Args:
+        depth_m: depth (h, w), metres; NaN where the sensor gave nothing.
+        intrinsics: of the depth image.
+        world_from_camera: pose with the floor at z = 0, for levelling; None while not localized, then the floor is
+            looked for in the image.
+        settings: thresholds.
+    """
+    if world_from_camera is None:
+        levelling = level_by_floor(depth_m, intrinsics)
+    else:
+        levelling = refine_by_floor(level_by_pose(world_from_camera), depth_m, intrinsics)
+    if levelling is None:
+        return nothing_known(depth_m)
+    return scan_levelled(depth_m, intrinsics, levelling, settings)
+
+
+def scan_levelled(
+    depth_m: DepthImage, intrinsics: CameraIntrinsics, levelling: Levelling, settings: ObstacleSettings
+) -> ObstacleScan:
+    """Scan with a given attitude and height of the camera (see :func:`scan`)."""
+    grid = polar_grid(depth_m, intrinsics, levelling, settings)
+    seen = _bearings_in_image(grid)
+    bearing_rad = grid.bearing_rad[seen]
+    nearest_m, state = _nearest(grid)
+    nearest_m, state = nearest_m[seen], state[seen]
+    ahead_m = clearance_ahead_m(bearing_rad, nearest_m, settings.person_width_m, MAX_RANGE_M)
+    return ObstacleScan(
+        bearing_rad, nearest_m, state,
+        candidate_directions(bearing_rad, nearest_m, state, settings, MAX_RANGE_M),
+        grid.valid_fraction, ahead_m if ahead_m < MAX_RANGE_M else None,
+    )  # fmt: skip
+
+
+def nothing_known(depth_m: DepthImage) -> ObstacleScan:
+    """Return the scan of an image in which not even the floor is found: no bearing is known, nothing is walkable."""
+    empty = np.zeros(0)
+    fraction = float(np.count_nonzero(depth_m > 0.0)) / max(1, depth_m.size)
+    return ObstacleScan(empty, empty, np.zeros(0, dtype=np.int8), (), fraction)
+
+
+def _nearest(grid: PolarGrid) -> tuple[FloatArray, NDArray[np.int8]]:
+    """Return distance and state of each bearing: the first cells that hold enough points."""
+    obstacle_m = _first_cell_m(grid.obstacle_count, grid.obstacle_sum_m, _MIN_OBSTACLE_POINTS)
+    middles = (np.arange(grid.drop_count.shape[1]) + 0.5) * RANGE_STEP_M
+    drop_m = _first_cell_m(grid.drop_count, grid.drop_count * middles, _MIN_DROP_POINTS)
+    state = np.full(len(obstacle_m), BearingState.FREE, dtype=np.int8)
+    state[np.isfinite(obstacle_m)] = BearingState.OBSTACLE
+    state[drop_m < obstacle_m] = BearingState.DROP
+    nearest_m = np.minimum(obstacle_m, drop_m)
+    unknown = grid.valid_count < _MIN_VALID_SHARE * grid.ray_count
+    # Where most is missing but something near was measured, the near thing counts; the rest stays unknown.
+    unknown &= ~np.isfinite(nearest_m)
+    state[unknown] = BearingState.UNKNOWN
+    nearest_m[unknown] = np.nan
+    return nearest_m, state
+
+
+def _first_cell_m(count: NDArray[np.int32], sum_m: FloatArray, min_count: int) -> FloatArray:
+    """Return, for each bearing, the mean distance in the first two neighbouring cells that hold enough points."""
+    both = count[:, :-1] + count[:, 1:]
+    sums = sum_m[:, :-1] + sum_m[:, 1:]
+    enough = both >= min_count
+    first = np.argmax(enough, axis=1)
+    rows = np.arange(len(count))
+    mean_m = sums[rows, first] / np.maximum(both[rows, first], 1)
+    return np.where(enough.any(axis=1), mean_m, np.inf)
+
+
+def _bearings_in_image(grid: PolarGrid) -> NDArray[np.bool_]:
+    """Return which bearings the image covers; rays at its tilted corners do not make a bearing known."""
+    usual = float(np.median(grid.ray_count[grid.ray_count > 0])) if grid.ray_count.any() else 0.0
+    covered: NDArray[np.bool_] = grid.ray_count > _MIN_RAY_SHARE * usual
+    return covered

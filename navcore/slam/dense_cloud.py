@@ -28,7 +28,7 @@ CEILING_M = 2.3
 """What lies higher hides the rooms from somebody who looks from above."""
 SURE_DEPTH_M = 1.5
 """What was seen from nearer than this needs no second key frame."""
-MIN_WEIGHT = 1.0
+MIN_WEIGHT = 0.15
 """Sum of weights 1/z² below which a voxel is noise."""
 IMAGE_COLUMNS = 160
 """Pixels of a row that are used."""

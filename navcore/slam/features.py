@@ -27,15 +27,15 @@ FAST_HIGH = 20
 """Grey levels by which a corner differs from its surroundings, where the image has texture."""
 FAST_LOW = 7
 """The same, where it has little."""
-FULL_COUNT = 1000
-"""Features of an image of 640×480 pixels; smaller images have fewer, by the square root of their area."""
+REFERENCE_AREA_PX = 320 * 240
+"""Images of this size get the number of features that is asked for; larger ones more, by the 0.37th power of the area."""
 
 Float32Array = NDArray[np.float32]
 
 
-def feature_count_for(width_px: int, height_px: int) -> int:
-    """Return how many features to look for: 1000 at 640×480, fewer in smaller images, more in larger ones."""
-    return int(round(FULL_COUNT * (width_px * height_px / (640 * 480)) ** 0.4 / 10) * 10)
+def feature_count_for(width_px: int, height_px: int, reference_count: int) -> int:
+    """Return how many features to look for: ``reference_count`` at 320×240; of 600, about 1000 at 640×480."""
+    return round(reference_count * (width_px * height_px / REFERENCE_AREA_PX) ** 0.37 / 10) * 10
 
 
 def grey_of(colour_rgb: ImageRgb) -> ByteArray:

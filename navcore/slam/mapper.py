@@ -117,7 +117,7 @@ class Mapper:
         guess = predict_pose(self._last, self._before_last, stamp_s)
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
         if found is None:
-            found = relocalize(self.builder, None, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+            found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
             if found is None:
                 return None
         landmarks = found.track.landmarks

@@ -1,0 +1,208 @@
+"""Localization only: where the walker is in a map that stays as it is.
+
+The last frame and the map's key frames are matched (paper IV-A). Where the map shows nothing, the last frame alone
+carries the pose on (visual odometry), and its covariance grows; where the map matches again, the drift is gone. After a
+loss, and at the start, place recognition finds the pose again. Every pose says how far it can be trusted: a pose is
+called Localized only when map, motion and depth image agree.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navcore.geometry import FloatArray, Transform
+from navcore.settings import LocalizationSettings
+from navcore.slam.features import FeatureExtractor, feature_count_for
+from navcore.slam.keyframes import Features, IntArray, SlamCamera
+from navcore.slam.lie import inverse_se3, log_so3
+from navcore.slam.pose import covariance_in_world
+from navcore.slam.relocalization import depth_support, relocalize
+from navcore.slam.slam_map import SlamMap
+from navcore.slam.tracking import (
+    FrameMatch,
+    Track,
+    extend_by_map,
+    local_keyframes,
+    local_landmarks,
+    predict_pose,
+    track_last_frame,
+)
+from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
+
+RELOCALIZATION_CANDIDATES = 10
+"""Key frames that look alike, which are tried."""
+RELOCALIZATION_INLIERS = 40
+"""Landmarks that must agree when there was no guess."""
+CONFIRMATIONS = 3
+"""Frames in a row that must match the map after a relocalization before the pose is called Localized."""
+MIN_DEPTH_SHARE = 0.6
+"""Share of the landmarks in view with which the depth image must agree."""
+MIN_FOUND_SHARE = 0.1
+"""Share of the landmarks in view that must be found."""
+MAX_ODOMETRY_S = 10.0
+"""After so long without the map, a pose from odometry alone is given up."""
+JUMP_M = 0.3
+"""A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
+VARIANCE_SCALE = 4.0
+"""Matched pixels are not independent: their covariance is multiplied by this."""
+MAP_SIGMA_M = 0.015
+MAP_SIGMA_RAD = 0.004
+"""Error of the map itself, locally."""
+DRIFT_SHARE = 0.03
+"""Standard deviation of odometry, per metre moved and per radian turned."""
+DRIFT_SIGMA_M = 0.004
+DRIFT_SIGMA_RAD = 0.002
+"""Standard deviation of odometry, per frame."""
+NEAR_M = 4.0
+"""Key frames within this distance of the pose are searched where the last frame shows no landmark."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LocalizerState:
+    """What is remembered from frame to frame."""
+
+    last: Track
+    before_last: Track | None
+    covariance: FloatArray
+    """(6, 6): of (camera position, rotation) in the world."""
+    matched_s: float
+    """When the map last matched."""
+    confirmations: int
+    """Frames in a row that have matched the map since the pose was found without a guess."""
+
+
+class Localizer:
+    """Locates frames in a map. Frames come in order of their stamps, and may be dropped; ``reset`` forgets them."""
+
+    def __init__(self, slam_map: SlamMap, intrinsics: CameraIntrinsics, settings: LocalizationSettings) -> None:
+        self._settings = settings
+        camera = SlamCamera.of(intrinsics, slam_map.camera.bf_px_m)
+        self._map = replace(slam_map, camera=camera)
+        count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
+        self._extractor = FeatureExtractor(intrinsics, camera, count)
+        poses = slam_map.camera_from_world
+        self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
+        self._state: LocalizerState | None = None
+
+    @property
+    def state(self) -> LocalizerState | None:
+        """What is remembered; None when lost."""
+        return self._state
+
+    def reset(self) -> None:
+        """Forget where the camera was."""
+        self._state = None
+
+    def locate(self, frame: Frame) -> Localization:
+        """Return the pose of a frame, its covariance and its quality."""
+        features = self._extractor.extract(frame)
+        state = None if self._state is None else self._follow(self._state, frame, features)
+        if state is None:
+            state = self._find(frame, features)
+        elif state.matched_s < frame.stamp_s and self._is_due_for_search(state, frame):
+            state = self._find(frame, features) or state
+        self._state = state
+        return _as_localization(state, frame.stamp_s, self._quality(state, frame.stamp_s))
+
+    # ------------------------------------------------------------------------------------------- following
+    def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
+        guess = predict_pose(state.last, state.before_last, frame.stamp_s)
+        moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
+        if moved is None:
+            return None
+        matched = self._match_map(state, moved.track, frame)
+        if matched is not None:
+            return self._with_map(state, moved, matched, frame)
+        if frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
+            return None
+        covariance = _drifted(state, moved.track)
+        return LocalizerState(moved.track, state.last, covariance, state.matched_s, state.confirmations)
+
+    def _match_map(self, state: LocalizerState, track: Track, frame: Frame) -> FrameMatch | None:
+        if track.inlier_count >= 10:
+            keyframes = local_keyframes(self._map, track.landmarks)
+        else:
+            keyframes = self._near_keyframes(track.camera_from_world)
+        candidates = local_landmarks(self._map, keyframes)
+        if len(candidates) == 0:
+            return None
+        sigma_m = float(np.sqrt(np.trace(state.covariance[:3, :3])))
+        radius_factor = float(np.clip(sigma_m / 0.05, 1.0, 4.0))
+        found, expected = extend_by_map(self._map, track, candidates, radius_factor)
+        if radius_factor > 1.5 and found.landmark_count >= 10:
+            found, expected = extend_by_map(self._map, found.track, candidates)
+        if found.landmark_count < max(self._settings.min_inliers_count, MIN_FOUND_SHARE * len(expected)):
+            return None
+        support = depth_support(self._map, found.track.camera_from_world, expected, frame.depth_m)
+        return found if support.share >= MIN_DEPTH_SHARE else None
+
+    def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:
+        centre = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+        distance = np.linalg.norm(self._centres - centre, axis=1)
+        alike = self._map.camera_from_world[:, 2, :3] @ camera_from_world[2, :3] > 0.5
+        near = np.flatnonzero(alike & (distance < NEAR_M))
+        return near[np.argsort(distance[near], kind="stable")][:30].astype(np.int32)
+
+    def _with_map(self, state: LocalizerState, moved: FrameMatch, matched: FrameMatch, frame: Frame) -> LocalizerState:
+        covariance = _map_covariance(matched.track)
+        shift_m = float(np.linalg.norm(_centre(matched.track) - _centre(moved.track)))
+        drift_m = 3.0 * float(np.sqrt(np.trace(_drifted(state, moved.track)[:3, :3])))
+        confirmations = 1 if shift_m > max(JUMP_M, drift_m) else min(state.confirmations + 1, CONFIRMATIONS)
+        return LocalizerState(matched.track, state.last, covariance, frame.stamp_s, confirmations)
+
+    # --------------------------------------------------------------------------------------------- finding
+    def _is_due_for_search(self, state: LocalizerState, frame: Frame) -> bool:
+        # Searching takes longer than following: while odometry carries on, every fifth frame is enough.
+        return frame.stamp_s - state.matched_s > 0.5 and int(frame.stamp_s * 10) % 5 == 0
+
+    def _find(self, frame: Frame, features: Features) -> LocalizerState | None:
+        if len(features) < RELOCALIZATION_INLIERS:
+            return None
+        candidates, _ = self._map.places.query(features.descriptors, RELOCALIZATION_CANDIDATES)
+        found = relocalize(self._map, features, frame.stamp_s, candidates.tolist(), RELOCALIZATION_INLIERS)
+        if found is None:
+            return None
+        around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks)[:15])
+        support = depth_support(self._map, found.track.camera_from_world, around, frame.depth_m)
+        if support.share < MIN_DEPTH_SHARE:
+            return None
+        return LocalizerState(found.track, None, _map_covariance(found.track), frame.stamp_s, 1)
+
+    # --------------------------------------------------------------------------------------------- quality
+    def _quality(self, state: LocalizerState | None, stamp_s: float) -> LocalizationQuality:
+        if state is None:
+            return LocalizationQuality.LOST
+        sigma_m = float(np.sqrt(np.linalg.eigvalsh(state.covariance[:3, :3])[-1]))
+        if state.confirmations < CONFIRMATIONS or sigma_m > self._settings.uncertain_position_m:
+            return LocalizationQuality.UNCERTAIN
+        return LocalizationQuality.LOCALIZED
+
+
+def _centre(track: Track) -> FloatArray:
+    return np.asarray(-track.camera_from_world[:3, :3].T @ track.camera_from_world[:3, 3])
+
+
+def _map_covariance(track: Track) -> FloatArray:
+    """Return the covariance (6, 6) of a pose that matched the map."""
+    covariance = VARIANCE_SCALE * covariance_in_world(track.camera_from_world, track.information)
+    return covariance + np.diag([MAP_SIGMA_M**2] * 3 + [MAP_SIGMA_RAD**2] * 3)
+
+
+def _drifted(state: LocalizerState, track: Track) -> FloatArray:
+    """Return the covariance (6, 6) after a movement that only odometry saw."""
+    moved_m = float(np.linalg.norm(_centre(track) - _centre(state.last)))
+    step = track.camera_from_world[:3, :3] @ state.last.camera_from_world[:3, :3].T
+    turned_rad = float(np.linalg.norm(log_so3(np.ascontiguousarray(step))))
+    rotation_variance = float(np.trace(state.covariance[3:, 3:])) / 3
+    growth_m2 = (DRIFT_SHARE * moved_m) ** 2 + DRIFT_SIGMA_M**2 + rotation_variance * moved_m**2
+    growth_rad2 = (DRIFT_SHARE * turned_rad) ** 2 + DRIFT_SIGMA_RAD**2
+    return state.covariance + np.diag([growth_m2] * 3 + [growth_rad2] * 3)
+
+
+def _as_localization(state: LocalizerState | None, stamp_s: float, quality: LocalizationQuality) -> Localization:
+    if state is None:
+        return Localization(stamp_s, quality, None)
+    world_from_camera = Transform(inverse_se3(state.last.camera_from_world))
+    return Localization(stamp_s, quality, world_from_camera, state.covariance, state.last.inlier_count)

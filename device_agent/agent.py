@@ -114,7 +114,7 @@ class DeviceAgent:
 
     # -------------------------------------------------------------------------------------------------- loop
     def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:
-        """Run live until ``stopped`` is set, at the camera's rate; with ``until_over``, until nobody is led any more."""
+        """Run live at the camera's rate until ``stopped``; with ``until_over``, until nobody is led any more."""
         self.watchdog.start()
         try:
             while not stopped.is_set():
@@ -174,10 +174,12 @@ class DeviceAgent:
                 self._parts.uplink.event(now_s, effect.kind, effect.text)
             case SwapMap():
                 self._localizer = effect.prepared.localizer
+                self._localizer.apply(self.state.settings)
                 self._keep(lambda store: store.swap_map(effect.prepared.staging))
             case StoreGraph():
                 self._keep(lambda store: store.save_graph(effect.graph))
             case StoreSettings():
+                self._localizer.apply(effect.settings)
                 self._keep(lambda store: store.save_settings(effect.settings, effect.revision))
             case _:
                 self._parts.uplink.message(effect)

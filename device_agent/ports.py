@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Literal, Protocol
 
 from navcore.cues.table import Cue
+from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading
 from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning, WalkerState
 
@@ -67,6 +68,10 @@ class LocalizerPort(Protocol):
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of one frame; frames come in order of their stamps."""
+        ...
+
+    def apply(self, settings: Settings) -> None:
+        """Run other settings from the next frame on."""
         ...
 
 

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from device_agent.ports import Clock, EventKind, KeptMessage
 from navcore.cues.table import Cue
 from navcore.errors import SensorError
+from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading, SonarState
 from navcore.wire import WalkerState
 
@@ -121,6 +122,9 @@ class FakeLocalizer:
     def locate(self, frame: Frame) -> Localization:
         """Return (or raise) what the function does."""
         return self._locate(frame)
+
+    def apply(self, settings: Settings) -> None:
+        """There is nothing to set."""
 
 
 class FakeUplink:

@@ -8,6 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from device_agent.simulation.building import Building, renderer_of
+from device_agent.simulation.office_floor import office_floor
+from device_agent.simulation.renderer import Renderer
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site
 from navcore.types import CameraIntrinsics
@@ -61,3 +64,15 @@ def small_site() -> Site:
         poi_graph=graph,
         report={"keyframes": 2},
     )
+
+
+@pytest.fixture(scope="session")
+def office() -> Building:
+    """The simulated office floor."""
+    return office_floor()
+
+
+@pytest.fixture(scope="session")
+def office_renderer(office: Building) -> Renderer:
+    """Renders the office floor; painting its pictures takes seconds, so all tests share one."""
+    return renderer_of(office)

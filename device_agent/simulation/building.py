@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from device_agent.simulation.renderer import Placement
+from device_agent.simulation.renderer import Placement, Renderer
 from device_agent.simulation.shapes import Piece, Point3, Solid, Surface
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
@@ -105,6 +105,13 @@ class Building:
             for mover, placement in zip(self.movers, self.placements_at(time_s), strict=True)
             for solid in mover.piece.solids
         )
+
+
+def renderer_of(building: Building) -> Renderer:
+    """Build what draws the building; painting and lighting take seconds, so share it where the building is the same."""
+    return Renderer(
+        building.surfaces, building.lamps_m, building.seed, [mover.piece.surfaces for mover in building.movers]
+    )
 
 
 BODY_LOW_M = 0.05

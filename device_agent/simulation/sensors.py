@@ -116,8 +116,9 @@ class CameraModel:
         self._coarse = _correlated(rng, shape, 1.5 * scale)
         self._blobs = special.ndtr(_correlated(rng, shape, 2.0 * scale)).astype(np.float32)
 
-    def capture(self, view: View, stamp_s: float, number: int, motion_px: tuple[float, float] = (0.0, 0.0)) -> Frame:
-        """Return the frame with this number. ``motion_px`` is how far the image moved during the exposure."""
+    def capture(self, view: View, stamp_s: float, number: int, yaw_rate_rad_s: float = 0.0) -> Frame:
+        """Return the frame with this number; while the head turns, the exposure smears it."""
+        motion_px = (yaw_rate_rad_s * self._colour_noise.exposure_s * self.camera.fx_px, 0.0)
         rng = np.random.default_rng([self._seed, 3, number])
         return Frame(stamp_s, self._colour(view, rng, motion_px), self._depth(view, rng))
 

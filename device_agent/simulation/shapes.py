@@ -28,25 +28,37 @@ class Surface:
     texture: str
 
     @property
-    def normal(self) -> FloatArray:
-        """Unit vector (3,) towards the visible side."""
-        a, b, _, d = np.asarray(self.corners, dtype=np.float64)
-        normal = np.asarray(np.cross(b - a, d - a), np.float64)
-        return normal / float(np.linalg.norm(normal))
+    def normal(self) -> Point3:
+        """Unit vector towards the visible side."""
+        a, b, _, d = self.corners
+        return _unit(_cross(_minus(b, a), _minus(d, a)))
 
     @property
     def size_m(self) -> tuple[float, float]:
         """Width along the lower edge and height across it, metres."""
-        corners = np.asarray(self.corners, dtype=np.float64)
-        axis_u = (corners[1] - corners[0]) / np.linalg.norm(corners[1] - corners[0])
-        axis_v = np.cross(self.normal, axis_u)
-        return float(np.linalg.norm(corners[1] - corners[0])), float(np.ptp(corners @ axis_v))
+        a, b = self.corners[:2]
+        axis_v = _cross(self.normal, _unit(_minus(b, a)))
+        heights = [sum(p * q for p, q in zip(corner, axis_v, strict=True)) for corner in self.corners]
+        return math.dist(a, b), max(heights) - min(heights)
 
     def moved(self, x_m: float, y_m: float, z_m: float = 0.0, yaw_rad: float = 0.0) -> Surface:
         """Turn about the vertical axis through the origin, then shift."""
         c, s = math.cos(yaw_rad), math.sin(yaw_rad)
         a, b, d, e = ((x_m + c * x - s * y, y_m + s * x + c * y, z_m + z) for x, y, z in self.corners)
         return replace(self, corners=(a, b, d, e))
+
+
+def _minus(p: Point3, q: Point3) -> Point3:
+    return p[0] - q[0], p[1] - q[1], p[2] - q[2]
+
+
+def _cross(p: Point3, q: Point3) -> Point3:
+    return p[1] * q[2] - p[2] * q[1], p[2] * q[0] - p[0] * q[2], p[0] * q[1] - p[1] * q[0]
+
+
+def _unit(p: Point3) -> Point3:
+    length = math.hypot(*p)
+    return p[0] / length, p[1] / length, p[2] / length
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +91,8 @@ class Solid:
         """Corners (4, 2) on the floor plan, counter-clockwise."""
         local = np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]]) * (self.half_x_m, self.half_y_m)
         c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
-        return local @ np.array([[c, s], [-s, c]]) + (self.x_m, self.y_m)
+        outline: FloatArray = local @ np.array([[c, s], [-s, c]]) + np.array([self.x_m, self.y_m])
+        return outline
 
 
 @dataclass(frozen=True, slots=True)

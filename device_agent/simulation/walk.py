@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from device_agent.simulation.building import Building
+from device_agent.simulation.building import Building, renderer_of
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.marking import spoken_marks
 from device_agent.simulation.office_floor import office_floor
@@ -216,23 +216,25 @@ def recorded_walk(
     rate_hz: float = 10.0,
     size_px: tuple[int, int] = (320, 240),
     max_length_m: float = math.inf,
+    renderer: Renderer | None = None,
 ) -> Iterator[tuple[Frame, Transform]]:
     """Walk through the building with the camera and yield each frame with the true ``world_from_camera``.
 
-    ``max_length_m`` ends the walk early. The same arguments give the same bytes.
+    ``max_length_m`` ends the walk early; ``renderer`` is one that exists already. The same arguments give the same
+    bytes.
     """
     camera = head_camera(*size_px)
     model = CameraModel(camera, seed)
-    renderer = Renderer(
-        building.surfaces, building.lamps_m, building.seed, [mover.piece.surfaces for mover in building.movers]
-    )
+    drawing = renderer_of(building) if renderer is None else renderer
     plan = plan_walk(building.road_waypoints, seed)
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plan.position_m, axis=0).T))])
+    yaw_rates_rad_s = np.gradient(plan.heading_rad, _STEP_S)
     for number, (stamp_s, pose) in enumerate(head_trajectory(plan, rate_hz)):
-        if travelled[min(len(travelled) - 1, round(stamp_s / _STEP_S))] > max_length_m:
+        sample = min(len(travelled) - 1, round(stamp_s / _STEP_S))
+        if travelled[sample] > max_length_m:
             return
-        view = renderer.render(camera, pose, building.placements_at(stamp_s))
-        yield model.capture(view, stamp_s, number), pose
+        view = drawing.render(camera, pose, building.placements_at(stamp_s))
+        yield model.capture(view, stamp_s, number, float(yaw_rates_rad_s[sample])), pose
 
 
 def record_walk(
@@ -243,6 +245,7 @@ def record_walk(
     progress: Callable[[int, int], None] | None = None,
     max_length_m: float = math.inf,
     building: Building | None = None,
+    renderer: Renderer | None = None,
 ) -> int:
     """Write the sighted person's walk as a recording (with its ground truth) and return the number of frames.
 
@@ -252,7 +255,7 @@ def record_walk(
     total = len(head_trajectory(plan_walk(floor.road_waypoints, seed), rate_hz))
     writer = RecordingWriter(folder, head_camera(*size_px))
     walked: list[tuple[float, Transform]] = []
-    for frame, pose in recorded_walk(floor, seed, rate_hz, size_px, max_length_m):
+    for frame, pose in recorded_walk(floor, seed, rate_hz, size_px, max_length_m, renderer):
         writer.add(frame, pose)
         walked.append((frame.stamp_s, pose))
         if progress is not None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from device_agent.simulation.building import Building, Place, push_from_solids, touchable
+from device_agent.simulation.building import Building, Place, push_from_solids, renderer_of, touchable
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.sensors import (
@@ -94,9 +94,8 @@ class SimulatedWorld:
         self.building = building
         movers = [mover.piece.surfaces for mover in building.movers]
         self._walker, self._gait, self._mount = walker, gait, mount
-        self._renderer = renderer or Renderer(building.surfaces, building.lamps_m, building.seed, movers)
+        self._renderer = renderer_of(building) if renderer is None else renderer
         self._camera_model = CameraModel(head_camera(*size_px), seed, depth_noise, colour_noise)
-        self._exposure_s = colour_noise.exposure_s
         self._sonar_model = SonarModel(building.surfaces, movers, seed)
         self._rng = np.random.default_rng([seed, 7])
         self._start_s = start_s
@@ -144,9 +143,9 @@ class SimulatedWorld:
         with self._lock:
             time_s = self._body.time_s
             view = self._renderer.render(self.camera, self._head(), self.building.placements_at(time_s - self._start_s))
-            smear_px = self._body.yaw_rate_rad_s * self._exposure_s * self.camera.fx_px
+            yaw_rate_rad_s = self._body.yaw_rate_rad_s
             number, self._frames = self._frames, self._frames + 1
-        return self._camera_model.capture(view, time_s, number, (smear_px, 0.0))
+        return self._camera_model.capture(view, time_s, number, yaw_rate_rad_s)
 
     def ping(self) -> SonarReading:
         """Return what the ultrasonic rangefinder measures now, along the camera's axis."""

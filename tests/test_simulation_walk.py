@@ -92,5 +92,7 @@ def test_a_recorded_walk_can_be_opened_and_repeats(tmp_path: Path, office_render
 def test_impossible_walks_are_refused(office: Building) -> None:
     with pytest.raises(InputError, match="two way points"):
         plan_walk(((0.0, 0.0),), seed=0)
+    with pytest.raises(InputError, match="seed"):
+        plan_walk(office.road_waypoints, seed=-1)
     with pytest.raises(InputError, match="Hz"):
         head_trajectory(plan_walk(office.road_waypoints[:3], seed=0), 0.0)

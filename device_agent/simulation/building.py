@@ -114,6 +114,13 @@ def renderer_of(building: Building) -> Renderer:
     )
 
 
+def checked_seed(seed: int) -> int:
+    """Return the seed. Raises InputError where the random generator would not take it."""
+    if seed < 0:
+        raise InputError(f"The seed is {seed}, but must be 0 or greater: choose another.")
+    return seed
+
+
 BODY_LOW_M = 0.05
 BODY_HIGH_M = 1.9
 """Heights between which a solid touches a walking person; lower is a carpet's edge, higher is overhead."""

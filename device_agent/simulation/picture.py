@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from device_agent.simulation.building import Building
+from device_agent.simulation.building import BODY_HIGH_M, Building
+from device_agent.simulation.shapes import Solid
 from navcore.geometry import FloatArray
 from navcore.types import ImageRgb
 
@@ -24,6 +25,7 @@ _PAPER, _ROOM, _CORRIDOR, _WALL, _FURNITURE = (
     (58, 62, 70),
     (201, 190, 172),
 )
+_GLASS = (120, 180, 215)
 _MARGIN_M = 0.6
 _SHIFT = 4
 """Fractional bits of drawing coordinates."""
@@ -98,12 +100,15 @@ def _draw_rooms(image: ImageRgb, building: Building, view: PlanView) -> None:
 
 
 def _draw_solids(image: ImageRgb, building: Building, view: PlanView) -> None:
-    # Walls last, so that furniture does not lie over them; what hangs overhead is not drawn.
-    for solid in sorted((s for s in building.solids if s.low_m < 1.9), key=lambda s: s.name.startswith("wall")):
-        colour = _WALL if solid.name.startswith("wall") else _FURNITURE
-        if solid.name.startswith("window") or "glass" in solid.name:
-            colour = (120, 180, 215)
+    # Walls over furniture, glass over the wall below it; what hangs overhead is not drawn.
+    for solid in sorted((s for s in building.solids if s.low_m < BODY_HIGH_M), key=lambda s: _layer(s)[0]):
+        colour = _layer(solid)[1]
         cv2.fillConvexPoly(image, _fixed(view.pixels(solid.outline_m)), colour, cv2.LINE_AA, _SHIFT)
+
+
+def _layer(solid: Solid) -> tuple[int, Rgb]:
+    kind = solid.name.split(" ", 1)[0]
+    return {"wall": (1, _WALL), "window": (2, _GLASS), "glass": (2, _GLASS)}.get(kind, (0, _FURNITURE))
 
 
 def _draw_line(image: ImageRgb, view: PlanView, points_m: FloatArray, colour: Rgb, width_px: int) -> None:

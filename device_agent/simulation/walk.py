@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 from scipy import ndimage
 
-from device_agent.simulation.building import Building, renderer_of
+from device_agent.simulation.building import Building, checked_seed, renderer_of
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.marking import spoken_marks
 from device_agent.simulation.office_floor import office_floor
@@ -77,7 +77,7 @@ def plan_walk(waypoints_m: tuple[tuple[float, float], ...], seed: int, style: Wa
     """Plan the walk through way points; it ends facing as it began. Raises InputError for fewer than two of them."""
     if len(waypoints_m) < 2:
         raise InputError("A walk needs at least two way points: name where it leads.")
-    rng = np.random.default_rng([seed, 4])
+    rng = np.random.default_rng([checked_seed(seed), 4])
     legs = [_walk_leg(np.asarray(leg, np.float64), rng, style) for leg in _legs(waypoints_m)]
     pieces = [_standing(legs[0][0, :3], style.stand_s)]
     first_heading = legs[0][0, 2]

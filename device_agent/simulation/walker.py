@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from device_agent.simulation.building import SolidArrays, push_from_solids
+from device_agent.simulation.building import SolidArrays, checked_seed, push_from_solids
 from navcore.angles import wrap_rad
 from navcore.cues.table import Cue, CueKind
 
@@ -72,7 +72,7 @@ class WalkerParameters:
 
 def drawn_walker(seed: int) -> WalkerParameters:
     """Return a person drawn from the ranges of the literature."""
-    rng = np.random.default_rng([seed, 6])
+    rng = np.random.default_rng([checked_seed(seed), 6])
     return WalkerParameters(
         speed_mps=float(rng.uniform(0.6, 1.1)),
         turn_gain=float(np.clip(rng.normal(1.0, 0.04), 0.9, 1.1)),

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from device_agent.simulation.building import Building, Place, push_from_solids, renderer_of, touchable
+from device_agent.simulation.building import Building, Place, checked_seed, push_from_solids, renderer_of, touchable
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.sensors import (
@@ -87,6 +87,7 @@ class SimulatedWorld:
 
         Raises InputError where the walker would stand inside something.
         """
+        checked_seed(seed)
         self._solids = touchable(building.solids)
         clearance_m, _ = push_from_solids(self._solids, start.x_m, start.y_m)
         if clearance_m < walker.body_radius_m:

@@ -1,0 +1,107 @@
+"""Whole walks on the real parts: simulated sensors, SLAM, planning, obstacles, guidance, cues, and the live process."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from device_console import TOKEN, Console
+from device_room import map_room, record_room, small_room
+
+from device_agent.walk import run_walk
+from device_agent.walk_measures import distance_to_polyline_m
+from navcore.cues.table import CueKind
+from navcore.site import Site, load_site, save_site
+from navcore.wire import Hello, RouteChanged, Say, SetDestination, SettingsRunning, WalkerState
+
+
+@pytest.fixture(scope="module")
+def room(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """The room's recording and its site."""
+    folder = tmp_path_factory.mktemp("room")
+    frames, poses = record_room(folder / "recording")
+    save_site(map_room(frames, poses), folder / "site")
+    return folder / "recording", folder / "site"
+
+
+@pytest.fixture(scope="module")
+def site(room: tuple[Path, Path]) -> Site:
+    return load_site(room[1])
+
+
+def test_a_simulated_walker_is_led_to_the_far_end_by_what_the_device_sees(site: Site) -> None:
+    result = run_walk(site, small_room(), "Start", "Far end", seed=3, max_s=40.0)
+    assert result.arrived, result.outcome
+    assert result.contacts == 0
+    assert result.cues[-1].kind is CueKind.ARRIVED
+    assert result.localized_fraction > 0.95
+    assert result.localization_rmse_m < 0.1
+    assert 0.0 < result.deviation_mean_m <= result.deviation_max_m < 0.6
+    assert result.reasons.get("sensor_stale", 0) == 0
+    assert result.path_m[-1, 0] - result.path_m[0, 0] > 2.0
+
+
+def test_the_distance_from_a_route_is_the_one_to_its_nearest_piece() -> None:
+    route = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0]])
+    for point, distance_m in (((1.0, 0.5), 0.5), ((3.0, 1.0), 1.0), ((-3.0, 4.0), 5.0), ((2.0, 0.0), 0.0)):
+        assert distance_to_polyline_m(np.array(point), route) == pytest.approx(distance_m)
+    assert distance_to_polyline_m(np.array([3.0, 4.0]), np.zeros((1, 2))) == 5.0
+
+
+@pytest.fixture
+def console() -> Iterator[Console]:
+    console = Console()
+    console.start()
+    yield console
+    console.close()
+
+
+@pytest.fixture
+def device(room: tuple[Path, Path], console: Console, tmp_path: Path) -> Iterator[subprocess.Popen[str]]:
+    """``vbr device`` in a process of its own, with the recorded walk as its camera."""
+    recording, site_folder = room
+    (tmp_path / "token").write_text(TOKEN)
+    process = subprocess.Popen(
+        [
+            sys.executable, "-m", "device_agent", "device", "--site", str(site_folder), "--recording", str(recording),
+            "--console", f"ws://127.0.0.1:{console.port}", "--token-file", str(tmp_path / "token"),
+            "--state", str(tmp_path / "state"), "--device-id", "test-glasses", "--set", "gate.clearance_m=1.5",
+            "--wav", str(tmp_path / "heard.wav"),
+        ],
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    yield process
+    process.kill()
+    process.communicate()
+
+
+def test_the_process_streams_takes_orders_survives_the_console_and_ends_cleanly(
+    device: subprocess.Popen[str], console: Console, tmp_path: Path
+) -> None:
+    console.wait_for(lambda: any(state.quality == "localized" for state in console.of_type(WalkerState)), 60.0)
+    hello = console.of_type(Hello)[0]
+    assert (hello.device_id, hello.site_id, hello.graph_version) == ("test-glasses", "room", 1)
+    assert console.of_type(SettingsRunning)[0].values["gate.clearance_m"] == 1.5
+    console.send(SetDestination("end"))
+    console.wait_for(lambda: any(state.mode == "guiding" for state in console.of_type(WalkerState)))
+    assert console.of_type(RouteChanged)[-1].destination_id == "end"
+
+    console.kill()
+    console.start()
+    console.wait_for(lambda: len(console.of_type(Hello)) == 2, 40.0)
+    console.send(SetDestination("attic"))
+    console.wait_for(lambda: "Attic" in console.of_type(RouteChanged)[-1].refusal, 40.0)
+    console.send(Say("Good-bye."))
+    console.wait_for(lambda: any("Good-bye." in event.text for event in console.stored))
+
+    device.send_signal(signal.SIGTERM)
+    output, _ = device.communicate(timeout=20.0)
+    assert device.returncode == 0, output
+    assert "Traceback" not in output
+    assert (tmp_path / "heard.wav").stat().st_size > 10_000

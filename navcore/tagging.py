@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Sequence
 
 import numpy as np
 
+from navcore.errors import InputError
 from navcore.geometry import FloatArray
 from navcore.planning.edits import add_poi, propose_edges
 from navcore.planning.poi_graph import PoiGraph
@@ -31,5 +33,7 @@ def graph_from_marks(
             continue
         x_m, y_m = (float(value) for value in positions_m[nearest, :2])
         graph = add_poi(graph, network, name=mark.name, kind=mark.kind, x_m=x_m, y_m=y_m)
-    graph = propose_edges(graph, network)
+    # A single place, or places on roads that do not meet, have no edges to propose; the places stay.
+    with contextlib.suppress(InputError):
+        graph = propose_edges(graph, network)
     return PoiGraph(1, graph.pois, graph.edges)

@@ -1,7 +1,7 @@
 """Building the map: one frame after the other, mapping in line with tracking, so that the same recording gives the same map.
 
-:class:`Mapper` takes frames; :func:`finish` closes the map. What a frame leaves is its pose relative to a key frame, so
-that the whole trajectory follows when key frames are moved by loop closing and adjustment.
+:class:`Mapper` takes frames and closes the map with ``finish``. What a frame leaves is its pose relative to a key frame,
+so that the whole trajectory follows when key frames are moved by loop closing and adjustment.
 """
 
 from __future__ import annotations
@@ -68,6 +68,21 @@ class Mapper:
         self._reference = -1
         self._most_tracked = 0
         self._last_keyframe_s = 0.0
+
+    @property
+    def keyframe_count(self) -> int:
+        """Key frames that live."""
+        return int(np.count_nonzero(self.builder.keyframe_alive))
+
+    @property
+    def landmark_count(self) -> int:
+        """Landmarks that live."""
+        return int(np.count_nonzero(self.builder.landmark_alive))
+
+    @property
+    def loop_count(self) -> int:
+        """Loops that were closed."""
+        return len(self._closer.closures)
 
     def add(self, frame: Frame) -> bool:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""

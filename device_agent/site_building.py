@@ -1,0 +1,72 @@
+"""From a recording to a site: the map, the road, the cloud, and a first PoI-graph of the places that were named."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.road_network import RoadNetwork
+from navcore.recording import Mark, Recording, read_marks
+from navcore.settings import LocalizationSettings
+from navcore.site import Site
+from navcore.slam.map_build import MapBuild, Progress, build_map
+from navcore.tagging import graph_from_marks
+
+
+def build_site(
+    recording: Recording, name: str, settings: LocalizationSettings, progress: Progress
+) -> tuple[Site, MapBuild]:
+    """Build the site of a recording, and return it with what it was made from.
+
+    Raises RecordingError for damaged input and MappingError where no map can be made.
+    """
+    marks = read_marks(recording.folder / "marks.txt")
+    built = build_map(recording, settings.feature_count, progress)
+    site = Site(
+        site_id=_site_id(built),
+        name=name,
+        intrinsics=recording.intrinsics,
+        map_arrays=built.slam_map.to_arrays(),
+        roads_m=built.roads_m,
+        cloud_points_m=built.cloud.points_m,
+        cloud_colours_rgb=built.cloud.colours_rgb,
+        poi_graph=_named_places(marks, built),
+        report=figures(built),
+    )
+    return site, built
+
+
+def _named_places(marks: Sequence[Mark], built: MapBuild) -> PoiGraph:
+    if not marks or not built.roads_m:
+        return PoiGraph()
+    slam_map = built.slam_map
+    network = RoadNetwork.from_roads(built.roads_m)
+    return graph_from_marks(marks, slam_map.trajectory_stamp_s, slam_map.trajectory[:, :3, 3], network)
+
+
+def figures(built: MapBuild) -> dict[str, float | int | str]:
+    """Return what a person wants to know about a map; the same map gives the same figures."""
+    return {
+        "frames": built.frame_count,
+        "tracked_share": round(built.tracked_share, 4),
+        "keyframes": built.slam_map.keyframe_count,
+        "landmarks": len(built.slam_map.positions),
+        "loops_closed": built.loop_count,
+        "road_m": round(built.road_length_m, 2),
+        "cloud_points": len(built.cloud),
+        "leveling": built.leveling.note,
+    }
+
+
+def _site_id(built: MapBuild) -> str:
+    content = np.ascontiguousarray(built.slam_map.positions).tobytes()
+    return "site-" + hashlib.sha256(content).hexdigest()[:12]
+
+
+def default_name(folder: Path) -> str:
+    """Return the name of a site that nobody named: its folder's."""
+    return folder.resolve().name or "Site"

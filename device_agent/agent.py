@@ -115,10 +115,10 @@ class DeviceAgent:
     # -------------------------------------------------------------------------------------------------- loop
     def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:
         """Run live at the camera's rate until ``stopped``; with ``until_over``, until nobody is led any more."""
-        self.watchdog.start()
         try:
             while not stopped.is_set():
                 cycle = self.run_cycle()
+                self.watchdog.start()
                 if until_over and not self.state.leading:
                     break
                 if cycle.frame is None:

@@ -27,7 +27,7 @@ class Hardware:
 
 def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stack: ExitStack) -> Hardware:
     """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
-    outputs = _outputs(options, settings)
+    outputs = _outputs(options)
     if options.recording is not None:
         raw: DepthCamera = RecordedCamera(open_recording(options.recording), clock)
         sonar: Sonar = NoSonar(clock)
@@ -52,14 +52,16 @@ def _simulated(options: DeviceOptions, clock: Clock) -> tuple[DepthCamera, Sonar
     world = SimulatedWorld(
         building, drawn_walker(options.seed), start, options.seed, size_px=options.size_px, start_s=clock.now_s()
     )
+    # The first picture takes seconds, for its kernels are loaded: not while the watchdog looks on.
+    world.capture()
     return SimulatedCamera(world, clock, options.rate_hz), SimulatedSonar(world, clock), SimulatedEar(world, clock)
 
 
-def _outputs(options: DeviceOptions, settings: Settings) -> list[CueOutput]:
+def _outputs(options: DeviceOptions) -> list[CueOutput]:
     outputs: list[CueOutput] = []
     if options.print_cues:
         outputs.append(TextOutput())
-    speech = Speech(settings.cues.language)
+    speech = Speech()
     if options.wav is not None:
         from device_agent.adapters.wav_file import WavFileOutput
 

@@ -124,7 +124,9 @@ class Watchdog:
         return verdict
 
     def start(self) -> None:
-        """Watch in a thread of its own until :meth:`stop`."""
+        """Watch in a thread of its own until :meth:`stop`; one that watches already goes on."""
+        if self._thread is not None:
+            return
         self._thread = threading.Thread(target=self._run, name="watchdog", daemon=True)
         self._thread.start()
 

@@ -66,6 +66,7 @@ def test_words_are_spoken_and_different_words_sound_different() -> None:
     assert loudness(turn) > 0.01
     assert np.array_equal(stop, speech.samples("Stop."))
     assert len(speech.samples("--help")) > 0
+    assert len(speech.samples("向左转30度。")) > 0.3 * SAMPLE_RATE_HZ
 
 
 def test_without_a_voice_words_are_silent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

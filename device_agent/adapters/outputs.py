@@ -28,9 +28,14 @@ class TextOutput:
 
     def play(self, cue: Cue) -> None:
         """Write the cue."""
-        if self._stream is not None and (self._tones or cue.kind not in _TONES):
+        if self._stream is None or (cue.kind in _TONES and not self._tones):
+            return
+        try:
             self._stream.write(cue_line(cue) + "\n")
             self._stream.flush()
+        except (OSError, ValueError):
+            # Whoever read along has left; the walker hears the other outputs and walks on.
+            self._stream = None
 
     def close(self) -> None:
         """Write nothing from now on; the stream stays open."""

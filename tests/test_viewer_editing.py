@@ -229,9 +229,9 @@ def test_a_viewer_has_no_editor_and_can_change_nothing(scene: Scene, services: S
 def test_one_window_cannot_reach_the_nodes_of_another(scene: Scene, browser: FakeBrowser) -> None:
     other = FakeBrowser(scene, "editor", "Mallory", client_id=78)
     try:
-        other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.55), owner=browser.client_id)
+        other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.7), owner=browser.client_id)
         assert browser.view.editor.poi_id is None
-        other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.55))
+        other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.7))
         assert (other.view.editor.poi_id, browser.view.editor.poi_id) == ("bar", None)
     finally:
         other.disconnect()

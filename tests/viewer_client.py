@@ -16,6 +16,7 @@ from console.roles import Role, SignedIn
 from console.viewer.labels import Lens, project
 from console.viewer.scene import Scene
 from console.viewer.session_view import SessionView
+from console.viewer.tag import HEAD_Z_M
 from navcore.geometry import quat_xyzw_from_rotation
 
 T = TypeVar("T")
@@ -114,7 +115,7 @@ class FakeBrowser:
     def click_poi(self, poi_id: str) -> None:
         """Click on the tag of a place."""
         poi = self.view.editor.graph.pois[poi_id]
-        self.click_node(f"/graph/poi/{poi_id}/head", (poi.x_m, poi.y_m, 0.55))
+        self.click_node(f"/graph/poi/{poi_id}/head", (poi.x_m, poi.y_m, HEAD_Z_M))
 
     def click_edge(self, edge_id: str) -> None:
         """Click on an edge."""
@@ -123,7 +124,7 @@ class FakeBrowser:
 
     def drag_poi(self, poi_id: str, phase: str, x_m: float, y_m: float) -> None:
         """Press, move or let go of the mouse with a tag in hand, above a place of the floor."""
-        place = (x_m, y_m, 0.55)
+        place = (x_m, y_m, HEAD_Z_M)
         _, _, screen = self._ray(place)
         self.send(
             messages.SceneNodeDragMessage(

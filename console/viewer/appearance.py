@@ -1,7 +1,7 @@
 """Colours, shapes and words of the scene, in one place.
 
 The kinds of places differ in colour and in shape, so that nobody has to tell two hues apart; the hues are those of
-Okabe and Ito, which hold for the common forms of colour blindness, brightened for a dark background.
+Okabe and Ito, which hold for the common forms of colour blindness, deepened, since the scene's light pales them.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ Rgb = tuple[int, int, int]
 Shape = Literal["ball", "box", "post", "diamond"]
 
 ROAD: Rgb = (240, 200, 80)
-EDGE: Rgb = (86, 180, 233)
-EDGE_CLOSED: Rgb = (213, 94, 0)
-EDGE_SELECTED: Rgb = (255, 255, 255)
+EDGE: Rgb = (0, 110, 200)
+EDGE_CLOSED: Rgb = (200, 60, 0)
+EDGE_SELECTED: Rgb = (255, 240, 120)
 PREVIEW: Rgb = (255, 240, 150)
 ARROW: Rgb = (235, 245, 255)
 ROUTE: Rgb = (60, 140, 255)
@@ -46,18 +46,18 @@ class KindLook:
 
 
 KINDS: dict[PoiKind, KindLook] = {
-    "room": KindLook("Room", (86, 180, 233), "ball"),
-    "toilet": KindLook("Wash room", (204, 121, 167), "ball"),
-    "bar": KindLook("Bar", (230, 159, 0), "ball"),
-    "lounge": KindLook("Lounge", (0, 190, 140), "ball"),
-    "hall": KindLook("Hall", (240, 228, 66), "ball"),
-    "junction": KindLook("Junction", (235, 235, 235), "diamond"),
-    "lift": KindLook("Lift", (150, 130, 255), "post"),
-    "stairs": KindLook("Stairs", (230, 110, 50), "post"),
-    "door": KindLook("Door", (200, 170, 130), "box"),
-    "entrance": KindLook("Entrance", (110, 220, 110), "box"),
-    "exit": KindLook("Exit", (235, 90, 90), "box"),
-    "other": KindLook("Other", (170, 180, 195), "ball"),
+    "room": KindLook("Room", (0, 114, 190), "ball"),
+    "toilet": KindLook("Wash room", (195, 60, 140), "ball"),
+    "bar": KindLook("Bar", (235, 125, 0), "ball"),
+    "lounge": KindLook("Lounge", (0, 145, 100), "ball"),
+    "hall": KindLook("Hall", (235, 205, 0), "ball"),
+    "junction": KindLook("Junction", (205, 210, 220), "diamond"),
+    "lift": KindLook("Lift", (110, 80, 235), "post"),
+    "stairs": KindLook("Stairs", (213, 94, 0), "post"),
+    "door": KindLook("Door", (150, 110, 70), "box"),
+    "entrance": KindLook("Entrance", (40, 170, 60), "box"),
+    "exit": KindLook("Exit", (215, 40, 40), "box"),
+    "other": KindLook("Other", (120, 130, 145), "ball"),
 }
 KIND_OF_WORD: dict[str, PoiKind] = {look.word: kind for kind, look in KINDS.items()}
 

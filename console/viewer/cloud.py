@@ -16,7 +16,8 @@ MAX_POINTS_COUNT = 1_000_000
 CEILING_M = 2.2
 """What is higher than this hides the inside of a floor seen from above: it is a layer of its own."""
 _SURFACE_CELL_M = 0.25
-_WHOLE_FLOOR_FOV_RAD = math.radians(50.0)
+FOV_RAD = math.radians(50.0)
+"""Vertical field of view of the scene's camera."""
 _OBLIQUE_RAD = math.radians(60.0)
 
 
@@ -123,8 +124,10 @@ def overview(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
     """Return an oblique view from the south that holds the whole floor, for a window of this width to height."""
     x_m, y_m = bounds.centre_m
     across_m = max(bounds.width_m / aspect, bounds.depth_m * math.sin(_OBLIQUE_RAD))
-    distance_m = 0.5 * across_m / math.tan(_WHOLE_FLOOR_FOV_RAD / 2) + 0.35 * bounds.depth_m + 1.0
+    distance_m = 0.5 * across_m / math.tan(FOV_RAD / 2) + 0.35 * bounds.depth_m + 1.0
     back_m, up_m = distance_m * math.cos(_OBLIQUE_RAD), distance_m * math.sin(_OBLIQUE_RAD)
+    # A little to the left, since the panel covers the right of the window.
+    x_m += 0.06 * bounds.width_m
     return CameraView((x_m, y_m - back_m, up_m), (x_m, y_m - 0.03 * bounds.depth_m, 0.0))
 
 
@@ -132,6 +135,6 @@ def plan_view(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
     """Return the view straight down onto the whole floor, north up."""
     x_m, y_m = bounds.centre_m
     across_m = max(bounds.width_m / aspect, bounds.depth_m)
-    up_m = 0.55 * across_m / math.tan(_WHOLE_FLOOR_FOV_RAD / 2) + 1.0
+    up_m = 0.55 * across_m / math.tan(FOV_RAD / 2) + 1.0
     # A camera exactly above has no "up": a hair to the south keeps north at the top.
     return CameraView((x_m, y_m - 0.01 * up_m, up_m), (x_m, y_m, 0.0))

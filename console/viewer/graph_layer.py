@@ -20,7 +20,7 @@ from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import Edge, PoiGraph
 
 _EDGE_Z_M = 0.07
-_EDGE_RADIUS_M = 0.05
+_EDGE_RADIUS_M = 0.08
 _ARROW_SPACING_M = 1.6
 _MOST_LENGTHS_COUNT = 150
 """With more edges than this, lengths are shown at the selected edge and while dragging alone."""

@@ -17,12 +17,23 @@ from navcore.planning.poi_graph import Edge, Poi
 _MODE_WORDS = {Mode.SELECT: "Select (1)", Mode.TAG: "Tag a place (2)", Mode.CONNECT: "Connect (3)"}
 _PROPOSE, _PUBLISH, _PUBLISHED = "Propose edges", "Publish changes", "Published"
 
+Guide = Callable[[str], None]
+"""Asks to lead the walker to a place."""
+
 
 class MapPanel:
-    """Widgets for the editor of one client; ``refresh`` redraws scene and panel after each action."""
+    """Widgets for the editor of one client; ``refresh`` redraws scene and panel after each action.
+
+    ``guide`` is None for who may not lead the walker.
+    """
 
     def __init__(
-        self, client: viser.ClientHandle, editor: Editor, refresh: Refresh, publish: Callable[[], None]
+        self,
+        client: viser.ClientHandle,
+        editor: Editor,
+        refresh: Refresh,
+        publish: Callable[[], None],
+        guide: Guide | None,
     ) -> None:
         self._gui = client.gui
         self._editor = editor
@@ -31,7 +42,7 @@ class MapPanel:
         if editor.may_edit:
             self._add_tools(publish)
         self._tag = _TagForm(self._gui, editor, refresh) if editor.may_edit else None
-        self._place = _PlaceForm(self._gui, editor, refresh)
+        self._place = _PlaceForm(self._gui, editor, refresh, guide)
         self._connection = _ConnectionForm(self._gui, editor, refresh)
 
     def _add_tools(self, publish: Callable[[], None]) -> None:
@@ -48,9 +59,9 @@ class MapPanel:
             self._on_press(button, partial(editor.set_mode, mode))
         self._connect = gui.add_button("Connect (Enter)", icon=viser.Icon.CHECK, color="green", visible=False)
         self._on_press(self._connect, editor.accept_edge)
-        self._undo_redo = gui.add_button_group("", ("Undo", "Redo"), hint="Ctrl+Z, Ctrl+Shift+Z")
+        self._undo_redo = gui.add_button_group("Edits", ("Undo", "Redo"), hint="Ctrl+Z, Ctrl+Shift+Z")
         on_choice(self._undo_redo, {"Undo": editor.undo, "Redo": editor.redo}, self._refresh)
-        self._more = gui.add_button_group("", (_PROPOSE, _PUBLISHED), hint=(
+        self._more = gui.add_button_group("Map", (_PROPOSE, _PUBLISHED), hint=(
             "Propose edges: connect all neighbours along the road. Publish: give this map to the devices."
         ))  # fmt: skip
         on_choice(self._more, {_PROPOSE: editor.propose_edges, _PUBLISH: publish, _PUBLISHED: publish}, self._refresh)
@@ -109,9 +120,8 @@ class _TagForm:
 class _PlaceForm:
     """Name, spoken name and kind of the selected place."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh, guide: Guide | None) -> None:
         self._editor = editor
-        self._refresh = refresh
         self._poi: Poi | None = None
         self._folder = gui.add_folder("Place", visible=False)
         locked = not editor.may_edit
@@ -124,6 +134,9 @@ class _PlaceForm:
                 on_press(self._rename, self._apply, refresh)
                 delete = gui.add_button("Delete place", icon=viser.Icon.TRASH, color="red", hint="Delete")
                 on_press(delete, editor.delete_selected, refresh)
+            if guide is not None:
+                button = gui.add_button("Guide the walker here", icon=viser.Icon.NAVIGATION, color="teal")
+                on_press(button, lambda: guide(self._poi.id) if self._poi is not None else None, refresh)
         on_change(self._kind, self._apply, refresh)
 
     def _apply(self) -> None:

@@ -20,7 +20,7 @@ from console.services import Services
 from console.view_requests import ViewRequest
 from console.viewer import appearance as look
 from console.viewer import meshes
-from console.viewer.cloud import FloorBounds, ShownCloud, floor_bounds, overview, shown_cloud
+from console.viewer.cloud import FOV_RAD, FloorBounds, ShownCloud, floor_bounds, overview, shown_cloud
 from console.viewer.embedded import EmbeddedViser
 from console.viewer.live_view import LiveView, Trail
 from console.viewer.mount import Authenticate, mount
@@ -150,7 +150,7 @@ def draw_map(
     segments = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
     if len(segments):
         scene.add_line_segments(
-            "/map/road/line", segments, look.ROAD, thickness=4.0, thickness_units="screen"
+            "/map/road/line", segments, look.ROAD, thickness=2.5, thickness_units="screen"
         )  # fmt: skip
     x_m, y_m = bounds.centre_m
     scene.add_grid(
@@ -160,6 +160,7 @@ def draw_map(
     )  # fmt: skip
     view = overview(bounds)
     server.initial_camera.position = view.position_m
+    server.initial_camera.fov = FOV_RAD
     server.initial_camera.look_at = view.look_at_m
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import viser
 
 from console.errors import ConsoleError
-from console.roles import TUNING, SignedIn
+from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
 from console.view_requests import FlyToPoi, FollowDevice, ViewRequest
 from console.viewer.appearance import PREVIEW
@@ -63,7 +63,8 @@ class SessionView:
         gui, hub = self.client.gui, self._services.hub
         tabs = gui.add_tab_group()
         with tabs.add_tab("Map", viser.Icon.MAP_2):
-            self.map_panel = MapPanel(self.client, self.editor, self.refresh, self.publish)
+            guide = self._guide_to if self.person.role in EDITING else None
+            self.map_panel = MapPanel(self.client, self.editor, self.refresh, self.publish, guide)
         with tabs.add_tab("Walker", viser.Icon.WALK):
             self.walker_panel = WalkerPanel(self.client, hub, self.person, self.tell)
         with tabs.add_tab("View", viser.Icon.EYE):
@@ -122,6 +123,9 @@ class SessionView:
             self.client.add_notification(
                 "Published", f"The devices are given version {version}.", auto_close_seconds=_NOTICE_S, color="green"
             )
+
+    def _guide_to(self, poi_id: str) -> None:
+        self.walker_panel.guide_to(poi_id)
 
     async def _pick_poi(self, poi_id: str, screen_pos: tuple[float, float]) -> None:
         self._last_pick_px = screen_pos

@@ -11,8 +11,8 @@ from console.viewer import meshes
 from console.viewer.appearance import KindLook
 from navcore.planning.poi_graph import Poi
 
-HEAD_Z_M = 0.55
-_RADIUS_M = 0.17
+HEAD_Z_M = 0.7
+_RADIUS_M = 0.24
 
 ScreenPos = tuple[float, float]
 Pick = Callable[[str, ScreenPos], Awaitable[None]]
@@ -30,10 +30,10 @@ class Tag:
         self._name = f"/graph/poi/{poi.id}"
         self._frame = self._scene.add_frame(self._name, show_axes=False, position=(poi.x_m, poi.y_m, 0.0))
         self._stem = self._scene.add_cylinder(
-            f"{self._name}/stem", radius=0.018, height=HEAD_Z_M, color=(215, 220, 230),
+            f"{self._name}/stem", radius=0.025, height=HEAD_Z_M, color=(215, 220, 230),
             position=(0.0, 0.0, HEAD_Z_M / 2), cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
-        halo = meshes.ring(0.36, 0.08)
+        halo = meshes.ring(0.5, 0.1)
         self._halo = self._scene.add_mesh_simple(
             f"{self._name}/halo", halo.vertices_m, halo.faces, color=(255, 255, 255), side="double",
             position=(0.0, 0.0, 0.04), visible=False, cast_shadow=False, receive_shadow=False,

@@ -39,11 +39,11 @@ class WalkerPanel:
         self._may_guide = person.role in EDITING
         self._target = gui.add_dropdown("Guide to", (_NOWHERE,), visible=self._may_guide)
         self._guide = gui.add_button("Guide the walker there", icon=viser.Icon.NAVIGATION, visible=self._may_guide)
-        self._pause = gui.add_button_group("", ("Pause", "Resume", "Stop guiding"), visible=self._may_guide)
+        self._pause = gui.add_button_group("Guidance", ("Pause", "Resume", "Stop"), visible=self._may_guide)
         on_change(self._devices, self._choose_device, nothing)
         on_press(self._guide, self._guide_there, nothing)
         who = person.user_name
-        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop guiding": hub.clear}
+        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop": hub.clear}
         on_choice(
             self._pause,
             {word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()},

@@ -1,0 +1,276 @@
+"""The walker in the scene: drawn as the device says, grey and dated when that is old; orders and settings by role."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from viewer_client import FakeBrowser
+from viewer_fixtures import connect_device, scene_over, services_of_crossing
+
+from console.live import LiveDevice
+from console.roles import Role
+from console.services import Services
+from console.viewer.live_view import LiveView, Trail
+from console.viewer.scene import Scene, decoded
+from console.viewer.walker_panel import status
+from navcore.planning.poi_graph import PoiGraph
+from navcore.settings import Settings
+from navcore.wire import (
+    ApplySettings,
+    ClearDestination,
+    Hello,
+    Pause,
+    RouteChanged,
+    SetDestination,
+    SettingsRunning,
+    WalkerState,
+    WireCandidate,
+)
+
+
+def state_at(stamp_s: float, x_m: float = 2.0, y_m: float = 0.5, heading_rad: float = 0.0) -> WalkerState:
+    return WalkerState(
+        stamp_s, "localized", "walk", "ok", pose=(x_m, y_m, 1.6, heading_rad), position_std_m=0.05,
+        direction_rad=0.2, sub_goal=(5.0, 0.0), sub_goal_case=1, sonar_state="ok", sonar_m=1.5,
+        candidates=(WireCandidate(-0.2, 3.0), WireCandidate(0.3, 2.0)), last_cue="Go straight.",
+        last_cue_stamp_s=stamp_s - 1.0, mode="guiding", destination_id="bar",
+    )  # fmt: skip
+
+
+def view_of(device: LiveDevice, now_s: float) -> LiveView:
+    return LiveView(device, now_s, None, np.array([[1.0, 0.0], [2.0, 0.5]]))
+
+
+@pytest.fixture(scope="module")
+def scene_and_services(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Scene, Services]]:
+    folder: Path = tmp_path_factory.mktemp("live")
+    with services_of_crossing(folder) as services, scene_over(services) as scene:
+        yield scene, services
+
+
+@pytest.fixture(params=["viewer"])
+def browser(scene_and_services: tuple[Scene, Services], request: pytest.FixtureRequest) -> Iterator[FakeBrowser]:
+    browser = FakeBrowser(scene_and_services[0], request.param, "Ada", client_id=500)
+    yield browser
+    browser.disconnect()
+
+
+@pytest.fixture
+def device() -> LiveDevice:
+    """A device that sent one state at second 100 of both clocks."""
+    hello = Hello(1, "glasses", "0.1", "crossing", "x", 1, 0, 100.0)
+    route = RouteChanged(100.0, tuple((x / 10, 0.0) for x in range(100)), (), "bar")
+    return LiveDevice("glasses", "Glasses", hello, True, 100.0, 0.0, None, state_at(100.0), 100.0, route)
+
+
+def draw(browser: FakeBrowser, view: LiveView) -> None:
+    async def show() -> None:
+        browser.view.live.show(view)
+
+    browser.run(show())
+
+
+def node(browser: FakeBrowser, name: str):
+    return browser.view.client.scene.get_handle_by_name(name)
+
+
+def test_the_walker_stands_where_the_device_says_and_looks_where_it_heads(
+    browser: FakeBrowser, device: LiveDevice
+) -> None:
+    turned = dataclasses.replace(device, state=state_at(100.0, 3.0, 1.0, math.pi / 2))
+    draw(browser, view_of(turned, 100.1))
+    assert tuple(node(browser, "/walker").position) == pytest.approx((3.0, 1.0, 0.0))
+    assert tuple(node(browser, "/walker").wxyz) == pytest.approx((math.sqrt(0.5), 0, 0, math.sqrt(0.5)))
+    assert tuple(node(browser, "/live/sub_goal").position)[:2] == pytest.approx((5.0, 0.0))
+    assert tuple(node(browser, "/live/closest").position)[:2] == pytest.approx((3.0, 0.0))
+    assert tuple(node(browser, "/live/position").position)[:2] == pytest.approx((3.0, 1.0))
+
+
+def test_candidates_are_as_long_as_they_are_clear(browser: FakeBrowser, device: LiveDevice) -> None:
+    draw(browser, view_of(device, 100.1))
+    ends = node(browser, "/walker/fan").points[:, 1, :2]
+    assert np.linalg.norm(ends, axis=1) == pytest.approx([3.0, 2.0], abs=1e-3)
+    assert np.arctan2(ends[:, 1], ends[:, 0]) == pytest.approx([-0.2, 0.3], abs=1e-3)
+    assert node(browser, "/walker/sonar").scale == pytest.approx(1.5)
+
+
+@pytest.mark.parametrize(
+    ("age_s", "word", "details_shown"), [(0.2, "", True), (2.0, "DELAYED", True), (7.0, "STALE", False)]
+)
+def test_what_is_old_is_grey_and_dated_and_ever_less_certain(
+    browser: FakeBrowser, device: LiveDevice, age_s: float, word: str, details_shown: bool
+) -> None:
+    fresh = view_of(device, 100.0)
+    draw(browser, fresh)
+    live_colour = node(browser, "/walker/figure/body").color
+    old = view_of(device, 100.0 + age_s)
+    draw(browser, old)
+    text = node(browser, "/walker/cue").text
+    assert text.startswith(word) if word else text == "“Go straight.”"
+    assert (node(browser, "/walker/figure/body").color == live_colour) is (not word)
+    assert node(browser, "/walker/fan").visible is details_shown
+    assert node(browser, "/walker/sonar").visible is details_shown
+    assert old.uncertainty_m >= fresh.uncertainty_m
+    assert (old.uncertainty_m > 5.0) is (not details_shown)
+
+
+def test_a_device_that_is_gone_is_never_shown_as_live(browser: FakeBrowser, device: LiveDevice) -> None:
+    gone = view_of(dataclasses.replace(device, connected=False), 100.1)
+    draw(browser, gone)
+    assert node(browser, "/walker/cue").text.startswith("LOST")
+    assert "LOST" in status(gone, PoiGraph())
+
+
+def test_a_lost_pose_shows_no_walker_at_all(browser: FakeBrowser, device: LiveDevice) -> None:
+    draw(browser, view_of(device, 100.1))
+    lost = dataclasses.replace(device, state=WalkerState(100.2, "lost", "stop", "pose_lost"))
+    draw(browser, view_of(lost, 100.3))
+    assert not node(browser, "/walker").visible
+    assert not node(browser, "/live/position").visible
+    assert "The place in the map is not known." in status(view_of(lost, 100.3), PoiGraph())
+
+
+def test_an_unchanged_view_sends_nothing(browser: FakeBrowser, device: LiveDevice) -> None:
+    draw(browser, view_of(device, 100.1))
+    before = len(browser.outbox)
+    draw(browser, view_of(device, 100.1))
+    assert len(browser.outbox) == before
+
+
+def test_words_of_a_device_are_escaped_in_the_panel(device: LiveDevice) -> None:
+    evil = dataclasses.replace(device, name="<img src=x onerror=1>", state=None)
+    assert "<img" not in status(view_of(evil, 100.0), PoiGraph())
+    spoken = state_at(100.0)
+    state = WalkerState(**{f: getattr(spoken, f) for f in spoken.__struct_fields__} | {"last_cue": "<script>"})
+    assert "<script>" not in status(view_of(dataclasses.replace(device, state=state), 100.0), PoiGraph())
+
+
+def test_a_trail_grows_with_the_walk_and_starts_anew_after_a_jump() -> None:
+    trail = Trail()
+    for x in np.arange(0.0, 5.0, 0.1):
+        trail.add(state_at(float(x), float(x), 0.0))
+    steps = np.linalg.norm(np.diff(trail.points_m, axis=0), axis=1)
+    assert steps.min() >= 0.25 - 1e-9
+    trail.add(state_at(9.0, 15.0, 0.0))
+    assert trail.points_m.tolist() == [[15.0, 0.0]]
+
+
+@pytest.mark.parametrize("jpeg", [b"", b"nonsense", b"\xff\xd8\xff\xe0broken"])
+def test_a_broken_silhouette_is_no_picture(jpeg: bytes) -> None:
+    assert decoded(jpeg) is None
+
+
+# -------------------------------------------------------------------------------------------------------- orders
+def tick(browser: FakeBrowser) -> None:
+    async def act() -> None:
+        browser.scene.tick()
+
+    browser.run(act())
+
+
+def wait_for_settled(browser: FakeBrowser, services: Services, device_id: str) -> None:
+    """Let the panel find its sliders let go, by its own clock."""
+    panel = browser.view.tuning_panel
+    assert panel is not None
+    panel._moved_s = -1e9
+    tick(browser)
+
+
+@pytest.mark.parametrize("browser", ["editor"], indirect=True)
+def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    outlet = connect_device(scene_and_services[1])
+    tick(browser)
+    browser.click_poi("bar")
+    browser.set_widget("Guide the walker here", True)
+    browser.set_widget("Guidance", "Pause")
+    browser.set_widget("Guidance", "Stop")
+    assert outlet.sent[:1] == [SetDestination("bar")]
+    assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination]
+
+
+@pytest.mark.parametrize("browser", ["viewer", "technician"], indirect=True)
+def test_who_may_only_watch_cannot_guide(browser: FakeBrowser, scene_and_services: tuple[Scene, Services]) -> None:
+    outlet = connect_device(scene_and_services[1])
+    tick(browser)
+
+    async def try_anyway() -> None:
+        browser.view.walker_panel.guide_to("bar")
+
+    browser.run(try_anyway())
+    assert outlet.sent == []
+    assert any("ask an editor" in notice for notice in browser.notices)
+
+
+@pytest.mark.parametrize("browser", ["technician"], indirect=True)
+def test_a_slider_is_sent_when_it_is_let_go_and_shows_what_became_of_it(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    outlet = connect_device(services)
+    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
+    tick(browser)
+    for value in (3.2, 3.6, 4.0):
+        browser.set_widget("Sub goal distance, m", value)
+    assert outlet.sent == [], "not before it is let go"
+    wait_for_settled(browser, services, "glasses")
+    (order,) = outlet.sent
+    assert isinstance(order, ApplySettings)
+    assert order.values["follower.sub_goal_distance_m"] == 4.0
+    panel = browser.view.tuning_panel
+    assert panel is not None
+    assert "waiting" in panel._words.content
+    services.hub.receive("glasses", SettingsRunning(1, Settings().values(), order.revision, "Not while walking."))
+    tick(browser)
+    assert "Refused: Not while walking." in panel._words.content
+    assert panel._widgets["follower.sub_goal_distance_m"].value == 3.0
+
+
+@pytest.mark.parametrize("browser", ["technician"], indirect=True)
+def test_what_safety_hangs_on_is_sent_only_once_confirmed(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    outlet = connect_device(services)
+    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
+    tick(browser)
+    browser.set_widget("Stop distance, m", 1.0)
+    wait_for_settled(browser, services, "glasses")
+    assert outlet.sent == []
+    browser.set_widget("Send it", True)
+    (order,) = outlet.sent
+    assert isinstance(order, ApplySettings)
+    assert order.values["obstacle.stop_distance_m"] == 1.0
+
+
+@pytest.mark.parametrize("browser", ["technician"], indirect=True)
+def test_a_forged_value_out_of_range_is_refused_and_taken_back(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    outlet = connect_device(services)
+    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
+    tick(browser)
+    browser.set_widget("Sub goal distance, m", 99.0)
+    wait_for_settled(browser, services, "glasses")
+    assert outlet.sent == []
+    assert any("from 0.5 to 10" in notice for notice in browser.notices)
+    panel = browser.view.tuning_panel
+    assert panel is not None
+    tick(browser)
+    assert panel._widgets["follower.sub_goal_distance_m"].value == 3.0
+
+
+@pytest.mark.parametrize("role", ["viewer", "editor"])
+def test_only_who_may_tune_has_sliders(scene_and_services: tuple[Scene, Services], role: Role) -> None:
+    browser = FakeBrowser(scene_and_services[0], role, "Eve", client_id=501)
+    try:
+        assert browser.view.tuning_panel is None
+    finally:
+        browser.disconnect()

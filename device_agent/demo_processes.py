@@ -51,7 +51,7 @@ def run_live_demo(
 
 
 def _device_copy(site: Path, folder: Path) -> Path:
-    """Give the device a site of its own, as real glasses have; the one that it keeps is left where it is the same map."""
+    """Give the device a site of its own, as real glasses have; it keeps what it has where that is the same map."""
     if (folder / "manifest.json").exists() and map_checksum(folder) == map_checksum(site):
         return folder
     shutil.rmtree(folder, ignore_errors=True)

@@ -25,3 +25,20 @@ def test_named_places_become_a_joined_graph() -> None:
     assert [poi.x_m for poi in graph.pois.values()] == pytest.approx([1.0, 5.0, 9.0], abs=0.06)
     assert sorted(edge.length_m for edge in graph.edges.values()) == pytest.approx([4.0, 4.0], abs=0.1)
     assert graph.version == 1
+
+
+def test_junctions_are_places_so_that_edges_do_not_lie_upon_each_other() -> None:
+    """A T: the junction that was named half a metre aside is put where the roads meet."""
+    along = np.stack([np.arange(0.0, 10.05, 0.1), np.zeros(101)], axis=1)
+    side = np.stack([np.full(51, 5.0), np.arange(0.0, 5.05, 0.1)], axis=1)
+    network = RoadNetwork.from_roads([along, side])
+    stamps = np.arange(101.0)
+    ends = [Mark(1.0, "hall", "West"), Mark(99.0, "bar", "East")]
+    graph = graph_from_marks(ends, stamps, along, network)
+    assert {poi.name for poi in graph.pois.values()} == {"West", "East", "Junction 1"}
+    assert len(graph.edges) == 2
+    named = graph_from_marks([*ends, Mark(56.0, "junction", "T")], stamps, along, network)
+    assert {poi.name for poi in named.pois.values()} == {"West", "East", "T"}
+    junction = next(poi for poi in named.pois.values() if poi.name == "T")
+    assert junction.x_m == pytest.approx(5.0, abs=0.15)
+    assert len(named.edges) == 2

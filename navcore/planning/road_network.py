@@ -177,6 +177,11 @@ class RoadNetwork:
         ends = self.segments[around].sum(axis=1) - vertex
         return list(zip(ends.tolist(), self._segment_lengths_m[around].tolist(), strict=True))
 
+    def junctions(self) -> list[int]:
+        """Return the vertices where three or more pieces of road meet."""
+        meeting = np.bincount(self.segments.ravel(), minlength=len(self.vertices_m))
+        return [int(vertex) for vertex in np.flatnonzero(meeting >= 3)]
+
     def component_count(self) -> int:
         """Return the number of roads that do not join each other."""
         return 0 if self.is_empty else int(connected_components(self.matrix, directed=False)[0])

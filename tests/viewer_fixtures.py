@@ -63,6 +63,7 @@ def connect_device(services: Services, device_id: str = "glasses") -> RecordingO
     """Connect a device whose other end is the test."""
     outlet = RecordingOutlet()
     hello = Hello(1, device_id, "0.1", services.model.site.site_id, "x", 1, 0, services.hub.now_s())
+    services.devices.ensure_token("Glasses", "a token of the test, long enough", "setup")
     services.devices.take_in(device_id, "Glasses")
     services.hub.connect(hello, "Glasses", outlet)
     return outlet

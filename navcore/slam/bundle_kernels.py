@@ -140,7 +140,7 @@ def observation_jacobians(
 
 
 @kernel
-def linearize(
+def linearize(  # noqa: C901
     camera: FloatArray,
     keyframe: Int32Array,
     point: Int32Array,
@@ -157,7 +157,7 @@ def linearize(
     gp: FloatArray,
     hcp: FloatArray,
 ) -> None:
-    """Fill the blocks of the normal equations: cameras hcc (C, 6, 6), gc; points hpp (N, 3, 3), gp; both hcp (M, 6, 3)."""
+    """Fill the normal equations: cameras hcc (C, 6, 6), gc; points hpp (N, 3, 3), gp; both hcp (M, 6, 3)."""
     hcc[:] = 0.0
     gc[:] = 0.0
     hpp[:] = 0.0
@@ -232,7 +232,7 @@ def damp_points(hpp: FloatArray, damping: float) -> FloatArray:
 
 
 @kernel
-def pair_blocks(
+def pair_blocks(  # noqa: C901
     keyframe: Int32Array, free: Int32Array, point_start: Int64Array, cameras: int
 ) -> tuple[Int32Array, Int32Array, Int32Array]:
     """Number the pairs of free key frames that share a landmark.
@@ -268,7 +268,7 @@ def pair_blocks(
 
 
 @kernel
-def eliminate(
+def eliminate(  # noqa: C901
     keyframe: Int32Array,
     free: Int32Array,
     point_start: Int64Array,

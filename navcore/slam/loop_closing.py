@@ -40,7 +40,8 @@ AGREEMENT_RAD = 0.05
 """… orientation up to this."""
 MEMORY = 4
 """Detections are compared with those of so many key frames before."""
-SMALL_CORRECTION_M = 0.01
+SMALL_CORRECTION_M = 0.05
+"""A loop that moves its key frame by less needs no adjustment of the whole map at once."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +56,7 @@ class LoopClosure:
 
 
 class LoopCloser:
-    """Looks for loops each time a key frame is added. Deterministic for a seed."""
+    """Looks for loops each time a key frame is added. The same map and seed give the same loops."""
 
     def __init__(self, builder: MapBuilder, seed: int = 0) -> None:
         self.closures: list[LoopClosure] = []
@@ -64,6 +65,8 @@ class LoopCloser:
         self._index: PlaceIndex | None = None
         self._next_training = FIRST_TRAINING
         self._recent: list[VerifiedLoop] = []
+        self._refused: dict[tuple[int, int], int] = {}
+        """Pairs that geometry did not support, and the version of the map then."""
 
     @property
     def places(self) -> PlaceIndex:
@@ -162,8 +165,11 @@ class LoopCloser:
     def _detect(self, keyframe: int) -> VerifiedLoop | None:
         best: VerifiedLoop | None = None
         for candidate in self.candidates(keyframe):
+            if self._refused.get((keyframe, candidate)) == self._builder.version:
+                continue
             loop = verify(self._builder, keyframe, candidate, self._seed)
             if loop is None or not self._is_plausible_drift(loop):
+                self._refused[keyframe, candidate] = self._builder.version
                 continue
             if best is None or len(loop.feature) > len(best.feature):
                 best = loop
@@ -198,7 +204,10 @@ class LoopCloser:
         builder, last = self._builder, loops[-1]
         before = builder.camera_from_world[last.keyframe].copy()
         loop_correction.correct(builder, loops)
-        mapping.adjust_all(builder, 8)
+        moved_m, _ = difference(before, builder.camera_from_world[last.keyframe])
+        # Where little has moved, what is already adjusted stays adjusted well enough until the end of the walk.
+        if moved_m > SMALL_CORRECTION_M:
+            mapping.adjust_all(builder, 8)
         moved_m, _ = difference(before, builder.camera_from_world[last.keyframe])
         closure = LoopClosure(last.keyframe, last.candidate, moved_m, len(last.feature))
         self.closures.append(closure)

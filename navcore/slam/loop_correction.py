@@ -61,7 +61,7 @@ def essential_edges(builder: MapBuilder) -> tuple[IntArray, IntArray, FloatArray
 
 
 def _optimize_essential_graph(builder: MapBuilder, edges: tuple[IntArray, IntArray, FloatArray]) -> None:
-    alive = np.flatnonzero(builder.keyframe_alive)
+    alive = np.flatnonzero(builder.keyframe_alive).astype(np.int32)
     position = np.full(len(builder.keyframes), -1, np.int32)
     position[alive] = np.arange(len(alive))
     closed = [(i, j, relative) for i, j, relative in builder.loop_edges if position[i] >= 0 and position[j] >= 0]
@@ -96,8 +96,8 @@ def _connect(builder: MapBuilder, loop: VerifiedLoop) -> None:
     fresh = ~np.isin(landmark, row[row >= 0])
     feature, landmark = feature[fresh], landmark[fresh]
     there = row[feature]
-    row[feature[there == NO_LANDMARK]] = landmark[there == NO_LANDMARK]
     taken = there != NO_LANDMARK
+    builder.connect(loop.keyframe, feature[~taken], landmark[~taken])
     builder.fuse_landmarks(there[taken], landmark[taken])
 
 

@@ -99,7 +99,7 @@ def _rigid_guess(builder: MapBuilder, features: Features, candidate: int, seed: 
 def _guided(
     builder: MapBuilder, features: Features, pose: FloatArray, landmarks: IntArray, radius_px: float
 ) -> tuple[FloatArray, IntArray, IntArray, int]:
-    """Look for landmarks by projection and refine the pose: pose, features and landmarks that agree, number expected."""
+    """Look for landmarks by projection and refine: pose, features and landmarks that agree, how many were expected."""
     camera = builder.camera
     uvr, _, octave, _ = project_landmarks(
         pose, builder.positions[landmarks], builder.normals[landmarks], builder.reach[landmarks], camera

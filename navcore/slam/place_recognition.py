@@ -72,6 +72,9 @@ class PlaceIndex:
         self._counts = np.zeros(0, np.int32)
         self._end = np.zeros(1, np.int64)
         self._images_with_word = np.zeros(WORD_COUNT, np.int64)
+        self._idf = np.zeros(WORD_COUNT)
+        self._weights = np.zeros(0, np.float64)
+        self._weighted = 0
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -99,17 +102,31 @@ class PlaceIndex:
 
     def scores(self, descriptors: ByteArray) -> FloatArray:
         """Return the likeness (n,) of each image, in the order of ``ids``, to the descriptors (m, 32): 0 to 1."""
-        idf = np.log((1.0 + len(self._ids)) / np.maximum(self._images_with_word, 1))
+        self._weigh()
         words, counts = self.vocabulary.bag(descriptors)
         weights = np.zeros(WORD_COUNT)
-        weights[words] = counts * idf[words]
+        weights[words] = counts * self._idf[words]
         total = weights.sum()
         if total <= 0.0:
             return np.zeros(len(self._ids))
-        return _scores(weights / total, idf, self._words, self._counts, self._end[: len(self._ids) + 1])
+        return _scores(weights / total, self._words, self._weights, self._end[: len(self._ids) + 1])
+
+    def _weigh(self) -> None:
+        """Weigh the words of all images by their rarity, anew only when the index has grown by a tenth."""
+        count = len(self._ids)
+        if count > 1.1 * self._weighted or count < self._weighted:
+            # A word that no image has yet is as rare as one that a single image has.
+            self._idf = np.log((1.0 + count) / np.maximum(self._images_with_word, 1))
+            self._weighted = count
+            self._weights = np.zeros(0)
+        start, end = len(self._weights), int(self._end[count])
+        if start < end:
+            first = int(np.searchsorted(self._end[: count + 1], start))
+            fresh = _image_weights(self._words, self._counts, self._end[first : count + 1], self._idf)
+            self._weights = np.concatenate([self._weights, fresh])
 
     def query(self, descriptors: ByteArray, k: int, excluded: IntArray | None = None) -> tuple[IntArray, FloatArray]:
-        """Return the k images most like the descriptors (m, 32), best first, and their scores; ties: the older first."""
+        """Return the k images most like the descriptors (m, 32), best first, and their scores; of equals the older."""
         scores = self.scores(descriptors)
         ids = self.ids
         if excluded is not None and len(excluded):
@@ -133,7 +150,7 @@ class PlaceIndex:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> PlaceIndex:
-        """Read back what :meth:`arrays` gave. Raises KeyError where an array is missing, ValueError for wrong shapes."""
+        """Read back what :meth:`arrays` gave. Raises KeyError for a missing array, ValueError for a wrong shape."""
         centres = np.ascontiguousarray(arrays["vocabulary"], dtype=np.uint8)
         words, counts = arrays["image_words"], arrays["image_word_counts"]
         end, ids = arrays["image_end"], arrays["image_ids"]
@@ -186,20 +203,9 @@ def _descend(words: WordArray, node_of: NDArray[np.int64], centres: WordArray) -
 @kernel
 def _train_level(words: WordArray, node_of: NDArray[np.int64], order: NDArray[np.int64], nodes: int) -> WordArray:
     """Return the centres (16 · nodes, 4) of the children of each node."""
-    children = nodes * BRANCHES
-    centres = np.zeros((children, 4), np.uint64)
-    # Every child starts at a random descriptor of its node; a node with fewer descriptors repeats them.
-    started = np.zeros(nodes, np.int64)
-    for i in order:
-        node = node_of[i]
-        if started[node] < BRANCHES:
-            centres[node * BRANCHES + started[node]] = words[i]
-            started[node] += 1
-    for node in range(nodes):
-        for c in range(max(started[node], 1), BRANCHES):
-            centres[node * BRANCHES + c] = centres[node * BRANCHES + c % max(started[node], 1)]
-    ones = np.zeros((children, 256), np.int32)
-    members = np.zeros(children, np.int32)
+    centres = _first_centres(words, node_of, order, nodes)
+    ones = np.zeros((len(centres), 256), np.int32)
+    members = np.zeros(len(centres), np.int32)
     for _ in range(_ROUNDS):
         ones[:] = 0
         members[:] = 0
@@ -210,16 +216,39 @@ def _train_level(words: WordArray, node_of: NDArray[np.int64], order: NDArray[np
                 value = words[i, w]
                 for b in range(64):
                     ones[child, 64 * w + b] += np.int32((value >> np.uint64(b)) & np.uint64(1))
-        for child in range(children):
-            if members[child] == 0:
-                continue
-            for w in range(4):
-                value = np.uint64(0)
-                for b in range(64):
-                    if 2 * ones[child, 64 * w + b] > members[child]:
-                        value |= np.uint64(1) << np.uint64(b)
-                centres[child, w] = value
+        _take_majority(ones, members, centres)
     return centres
+
+
+@kernel
+def _first_centres(words: WordArray, node_of: NDArray[np.int64], order: NDArray[np.int64], nodes: int) -> WordArray:
+    """Start every child at a random descriptor of its node; a node with fewer descriptors repeats them."""
+    centres = np.zeros((nodes * BRANCHES, 4), np.uint64)
+    started = np.zeros(nodes, np.int64)
+    for i in order:
+        node = node_of[i]
+        if started[node] < BRANCHES:
+            centres[node * BRANCHES + started[node]] = words[i]
+            started[node] += 1
+    for node in range(nodes):
+        distinct = max(started[node], 1)
+        for c in range(distinct, BRANCHES):
+            centres[node * BRANCHES + c] = centres[node * BRANCHES + c % distinct]
+    return centres
+
+
+@kernel
+def _take_majority(ones: IntArray, members: IntArray, centres: WordArray) -> None:
+    """Set each centre that has members to the majority of their bits."""
+    for child in range(len(centres)):
+        if members[child] == 0:
+            continue
+        for w in range(4):
+            value = np.uint64(0)
+            for b in range(64):
+                if 2 * ones[child, 64 * w + b] > members[child]:
+                    value |= np.uint64(1) << np.uint64(b)
+            centres[child, w] = value
 
 
 @kernel
@@ -236,20 +265,26 @@ def _quantize(words: WordArray, centres: WordArray) -> IntArray:
 
 
 @kernel
-def _scores(
-    query: FloatArray, idf: FloatArray, words: IntArray, counts: IntArray, end: NDArray[np.int64]
-) -> FloatArray:
-    scores = np.zeros(len(end) - 1)
+def _image_weights(words: IntArray, counts: IntArray, end: NDArray[np.int64], idf: FloatArray) -> FloatArray:
+    """Return the weights of the words of successive images, each image's adding up to 1."""
+    out = np.zeros(end[-1] - end[0])
     for image in range(len(end) - 1):
         total = 0.0
         for e in range(end[image], end[image + 1]):
             total += counts[e] * idf[words[e]]
-        if total <= 0.0:
-            continue
+        for e in range(end[image], end[image + 1]):
+            if total > 0.0:
+                out[e - end[0]] = counts[e] * idf[words[e]] / total
+    return out
+
+
+@kernel
+def _scores(query: FloatArray, words: IntArray, weights: FloatArray, end: NDArray[np.int64]) -> FloatArray:
+    scores = np.zeros(len(end) - 1)
+    for image in range(len(end) - 1):
         common = 0.0
         for e in range(end[image], end[image + 1]):
-            if query[words[e]] > 0.0:
-                common += min(query[words[e]], counts[e] * idf[words[e]] / total)
+            common += min(query[words[e]], weights[e])
         scores[image] = common
     return scores
 

@@ -176,13 +176,8 @@ def align_ransac(
     a = np.ascontiguousarray(points_a, dtype=np.float64)
     b = np.ascontiguousarray(points_b, dtype=np.float64)
     limit2 = np.square(np.broadcast_to(np.asarray(threshold_m, dtype=np.float64), (count,)))
-    rng = np.random.default_rng(seed)
-    # Many triples at once: the closed form of each is one batched 3×3 decomposition.
-    triples = np.argsort(rng.random((iterations, count)), axis=1)[:, :3]
-    transforms = _align_batch(a[triples], b[triples])
-    moved = np.einsum("kij,nj->kni", transforms[:, :3, :3], b) + transforms[:, None, :3, 3]
-    agrees = np.sum((moved - a) ** 2, axis=2) <= limit2
-    inliers = agrees[int(np.argmax(np.count_nonzero(agrees, axis=1)))]
+    triples = np.random.default_rng(seed).integers(0, count, (iterations, 3))
+    inliers = _best_of_triples(a, b, np.ascontiguousarray(limit2), triples)
     for _ in range(3):
         if int(np.count_nonzero(inliers)) < min_inliers:
             return None
@@ -193,19 +188,63 @@ def align_ransac(
     return transform, inliers
 
 
-def _align_batch(a: FloatArray, b: FloatArray) -> FloatArray:
-    """Horn's closed form for many sets of points (k, m, 3) at once, giving (k, 4, 4)."""
-    centre_a, centre_b = a.mean(axis=1), b.mean(axis=1)
-    covariance = np.einsum("kmi,kmj->kij", b - centre_b[:, None], a - centre_a[:, None])
-    u, _, vt = np.linalg.svd(covariance)
-    v, ut = vt.transpose(0, 2, 1), u.transpose(0, 2, 1)
-    v[:, :, 2] *= np.where(np.linalg.det(v @ ut) < 0, -1.0, 1.0)[:, None]
-    rotation = v @ ut
-    out = np.zeros((len(a), 4, 4))
-    out[:, :3, :3] = rotation
-    out[:, :3, 3] = centre_a - np.einsum("kij,kj->ki", rotation, centre_b)
-    out[:, 3, 3] = 1.0
-    return out
+@kernel
+def _frame_of_triple(p: FloatArray, q: FloatArray, r: FloatArray, frame: FloatArray) -> bool:
+    """Write three orthonormal axes (rows) fixed to three points; False where they lie on a line."""
+    x = q - p
+    length = math.sqrt(np.sum(x * x))
+    if length < 1e-6:
+        return False
+    x /= length
+    y = r - p
+    y -= np.sum(x * y) * x
+    height = math.sqrt(np.sum(y * y))
+    if height < 1e-3 * length:
+        return False
+    y /= height
+    frame[0] = x
+    frame[1] = y
+    frame[2, 0] = x[1] * y[2] - x[2] * y[1]
+    frame[2, 1] = x[2] * y[0] - x[0] * y[2]
+    frame[2, 2] = x[0] * y[1] - x[1] * y[0]
+    return True
+
+
+@kernel
+def _best_of_triples(a: FloatArray, b: FloatArray, limit2: FloatArray, triples: NDArray[np.int64]) -> BoolArray:
+    """Return which pairs agree (n,) with the motion, given by three of them, with which most agree."""
+    best_count = 0
+    best = np.zeros((3, 3))
+    best_shift = np.zeros(3)
+    frame_a = np.empty((3, 3))
+    frame_b = np.empty((3, 3))
+    for t in range(len(triples)):
+        i, j, k = triples[t]
+        if not (_frame_of_triple(a[i], a[j], a[k], frame_a) and _frame_of_triple(b[i], b[j], b[k], frame_b)):
+            continue
+        rotation = frame_a.T @ frame_b
+        shift = (a[i] + a[j] + a[k]) / 3.0 - rotation @ ((b[i] + b[j] + b[k]) / 3.0)
+        count = 0
+        for n in range(len(a)):
+            if _pair_error(a[n], b[n], rotation, shift) <= limit2[n]:
+                count += 1
+        if count > best_count:
+            best_count = count
+            best[:, :] = rotation
+            best_shift[:] = shift
+    inliers = np.zeros(len(a), dtype=np.bool_)
+    for n in range(len(a)):
+        inliers[n] = best_count > 0 and _pair_error(a[n], b[n], best, best_shift) <= limit2[n]
+    return inliers
+
+
+@kernel
+def _pair_error(a: FloatArray, b: FloatArray, rotation: FloatArray, shift: FloatArray) -> float:
+    total = 0.0
+    for r in range(3):
+        e = rotation[r, 0] * b[0] + rotation[r, 1] * b[1] + rotation[r, 2] * b[2] + shift[r] - a[r]
+        total += e * e
+    return total
 
 
 @kernel
@@ -369,7 +408,7 @@ def _solve6(h: FloatArray, g: FloatArray, damping: float, step: FloatArray) -> b
 
 
 @kernel
-def _refine(
+def _refine(  # noqa: C901
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
@@ -453,3 +492,4 @@ def warm_up() -> None:
     uv = points[:, :2] / points[:, 2:] * 100.0 + 50.0
     observations = np.column_stack([uv, uv[:, 0] - 8.0 / points[:, 2]])
     refine_pose(np.eye(4), points, observations, np.ones(4), 100.0, 100.0, 50.0, 50.0, 8.0)
+    align_ransac(points, points, min_inliers=3, iterations=4)

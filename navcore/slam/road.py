@@ -6,7 +6,7 @@ low-passed along its own length, on the floor, as evenly spaced points.
 
 from __future__ import annotations
 
-import itertools
+from itertools import pairwise
 
 import numpy as np
 
@@ -14,8 +14,8 @@ from navcore.geometry import FloatArray
 
 SPACING_M = 0.1
 """Distance between points of the road."""
-SWAY_M = 0.4
-"""Standard deviation of the low-pass along the road: a gait cycle is about 1.4 m long, of which a fifth remains."""
+SWAY_M = 0.5
+"""Standard deviation of the low-pass along the road: of a gait cycle's sway, 1.4 m long, a sixth remains."""
 STEP_M = 0.2
 """Movement below this is standing, or turning on the spot."""
 REVERSAL_RAD = np.radians(120.0)
@@ -72,34 +72,44 @@ def _without_standing(positions: FloatArray) -> FloatArray:
 
 def _between_reversals(points: FloatArray) -> list[FloatArray]:
     """Split where the walker turned back; both pieces hold the point of return."""
-    chord = max(round(2.5 * SWAY_M / STEP_M) // 2, 1)
-    cuts: list[int] = []
-    sharpness = np.zeros(len(points))
+    chord = 3
+    reach = np.zeros(len(points))
     for i in range(1, len(points) - 1):
         before = points[i] - points[max(i - chord, 0)]
         after = points[min(i + chord, len(points) - 1)] - points[i]
-        cosine = before @ after / max(np.linalg.norm(before) * np.linalg.norm(after), 1e-9)
-        sharpness[i] = np.arccos(np.clip(cosine, -1.0, 1.0))
-    for i in range(1, len(points) - 1):
-        window = slice(max(i - chord, 0), i + chord + 1)
-        if sharpness[i] >= REVERSAL_RAD and i == window.start + int(np.argmax(sharpness[window])):
-            cuts.append(i)
+        lengths = float(np.linalg.norm(before)), float(np.linalg.norm(after))
+        if before @ after < np.cos(REVERSAL_RAD) * lengths[0] * lengths[1]:
+            # Around a tip several points look back on both sides; it is the one that reaches farthest.
+            reach[i] = sum(lengths)
+    cuts = [i for i in np.flatnonzero(reach).tolist() if i == _farthest(reach, i, chord)]
     bounds = [0, *cuts, len(points) - 1]
-    return [points[a : b + 1] for a, b in itertools.pairwise(bounds) if b > a]
+    return [points[a : b + 1] for a, b in pairwise(bounds) if b > a]
+
+
+def _farthest(reach: FloatArray, i: int, chord: int) -> int:
+    first = max(i - chord, 0)
+    return first + int(np.argmax(reach[first : i + chord + 1]))
 
 
 def _smooth(points: FloatArray, spacing_m: float, sway_m: float) -> FloatArray:
-    """Low-pass along the arc length; both ends stay, because the curve goes on beyond them point-mirrored."""
+    """Low-pass along the arc length, both ends kept.
+
+    What the low-pass takes away is low-passed and given back once (Tukey's twicing): sway stays out, bends stay in.
+    """
     even = resample(points, spacing_m)
+    smooth = _low_pass(even, spacing_m, sway_m)
+    return smooth + _low_pass(even - smooth, spacing_m, sway_m)
+
+
+def _low_pass(values: FloatArray, spacing_m: float, sway_m: float) -> FloatArray:
+    """Gaussian mean along the curve; both ends stay, because it goes on beyond them point-mirrored."""
     reach = int(np.ceil(3.0 * sway_m / spacing_m))
-    if len(even) < 3 or reach == 0:
-        return even
+    if len(values) < 3 or reach == 0:
+        return values
     offsets = np.arange(-reach, reach + 1) * spacing_m
     weights = np.exp(-0.5 * (offsets / sway_m) ** 2)
     weights /= weights.sum()
-    head = _mirrored(even, reach)
-    tail = _mirrored(even[::-1], reach)[::-1]
-    extended = np.concatenate([head, even, tail])
+    extended = np.concatenate([_mirrored(values, reach), values, _mirrored(values[::-1], reach)[::-1]])
     return np.stack([np.convolve(extended[:, axis], weights, mode="valid") for axis in range(2)], axis=1)
 
 

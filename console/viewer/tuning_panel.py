@@ -109,7 +109,9 @@ class TuningPanel:
                 raise ForbiddenError("Your role may not change settings: ask a technician.")
             if self._device is None:
                 raise ConflictError("No device has connected yet: try again when one has.")
-            self._tuning.change(self._device.device_id, changes, self._person.user_name, confirmed=confirmed)
+            device_id = self._device.device_id
+            self._tuning.change(device_id, changes, self._person.user_name, confirmed=confirmed)
+            self._device = self._hub.device(device_id)
         except VbrError as error:
             self._tell("Not sent", str(error))
             self._shown = None
@@ -124,7 +126,8 @@ class TuningPanel:
         waiting = last is not None and last.state == "sent"
         seen = device.device_id, device.settings_revision, last.id if last is not None else 0
         # Sliders follow the device when it runs, or has refused, something new: never while somebody moves one.
-        if self._moved or self._to_confirm or waiting or seen == self._shown:
+        busy = self._moved or self._to_confirm or (waiting and self._shown is not None)
+        if busy or seen == self._shown:
             return
         self._shown = seen
         for key, widget in self._widgets.items():

@@ -40,9 +40,8 @@ def main() -> None:
         median_ms = statistics.median(spent_ms)
         slow_ms = sorted(spent_ms)[int(0.95 * len(spent_ms))]
         whole_s = median_ms * count / 1e3
-        print(
-            f"{size_px[0]}×{size_px[1]}: median {median_ms:.1f} ms, p95 {slow_ms:.1f} ms; the whole walk {whole_s:.0f} s"
-        )
+        size = f"{size_px[0]}×{size_px[1]}"
+        print(f"{size}: median {median_ms:.1f} ms, p95 {slow_ms:.1f} ms; the whole walk {whole_s:.0f} s")
 
 
 if __name__ == "__main__":

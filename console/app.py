@@ -25,7 +25,6 @@ from console.store import Store
 from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
-MAX_BODY_BYTES = 256 << 10
 
 
 def create_app(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> FastAPI:
@@ -47,7 +46,6 @@ def app_of(services: Services) -> FastAPI:
         docs_url=None,
         redoc_url=None,
         redirect_slashes=False,
-        max_body_size=MAX_BODY_BYTES,
         lifespan=lifespan,
     )
     app.state.services = services
@@ -76,4 +74,7 @@ async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 404:
         return error_response(NotFoundError("There is nothing at this address."))
-    return JSONResponse({"error": str(error.detail)}, error.status_code, headers=error.headers)
+    if error.status_code == 405:
+        sentence = f"This address cannot be asked by {request.method}: the page knows how."
+        return JSONResponse({"error": sentence}, 405, headers=error.headers)
+    return JSONResponse({"error": f"{error.detail}."}, error.status_code, headers=error.headers)

@@ -69,13 +69,13 @@ def run_console(arguments: argparse.Namespace) -> None:
     server = ConsoleServer(config_of(arguments), device_token_file=arguments.device_token_file)
 
     def say(ready: Ready) -> None:
+        if arguments.ready_file is not None:
+            ready.write(arguments.ready_file)
         sys.stdout.write(f"The console of {server.services.model.site.name} is at {ready.url}\n")
         if ready.first_link is not None:
             sys.stdout.write(f"Nobody has an account yet. Choose name and password here, once:\n  {ready.first_link}\n")
         sys.stdout.write("Ctrl-C ends it.\n")
         sys.stdout.flush()
-        if arguments.ready_file is not None:
-            ready.write(arguments.ready_file)
 
     server.run(say)
 

@@ -7,6 +7,7 @@ VbrError
     ├── ForbiddenError 403   the role may not do this
     ├── NotFoundError 404    there is no such thing
     ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
+    ├── TooLargeError 413    what was sent is larger than what is taken
     └── TooManyError 429     asked too often
 """
 
@@ -47,6 +48,12 @@ class ConflictError(ConsoleError):
     """Somebody else changed it meanwhile, or its state does not allow it."""
 
     status = 409
+
+
+class TooLargeError(ConsoleError):
+    """What was sent is larger than what is taken."""
+
+    status = 413
 
 
 class TooManyError(ConsoleError):

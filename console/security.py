@@ -20,12 +20,13 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from console.errors import ConsoleError, ForbiddenError, SignInError
+from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError
 from console.roles import SignedIn
 from console.rules import RULES, Rule
 from console.services import Services
 
 _log = logging.getLogger(__name__)
+MAX_BODY_BYTES = 256 << 10
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
@@ -82,10 +83,11 @@ class Guard:
         except ConsoleError as error:
             await _refusal(connection, error)(scope, receive, sender)
             return
-        await self._app(scope, receive, sender)
+        await self._app(scope, _bounded(receive) if scope["type"] == "http" else receive, sender)
 
     async def _admit(self, connection: HTTPConnection) -> None:
         self._check_host(connection)
+        _check_length(int(length) if (length := connection.headers.get("content-length", "")).isdigit() else 0)
         method, path = _route_of(connection.scope)
         state = connection.scope.setdefault("state", {})
         state["visitor"] = visitor = await self._find_visitor(connection)
@@ -144,6 +146,25 @@ def _check_origin(connection: HTTPConnection, method: str) -> None:
     origin, host = connection.headers.get("origin", ""), connection.headers.get("host", "")
     if not host or urlsplit(origin).netloc.lower() != host.lower():
         raise ForbiddenError("This was not sent by a page of this console: open the console and try there.")
+
+
+def _check_length(length: int) -> None:
+    if length > MAX_BODY_BYTES:
+        raise TooLargeError(f"This is too large: the console takes {MAX_BODY_BYTES >> 10} KiB at a time.")
+
+
+def _bounded(receive: Receive) -> Receive:
+    """Bound what comes without saying beforehand how long it is."""
+    received = 0
+
+    async def receive_bounded() -> Message:
+        nonlocal received
+        message = await receive()
+        received += len(message.get("body", b""))
+        _check_length(received)
+        return message
+
+    return receive_bounded
 
 
 def _split_host(host: str) -> tuple[str, str]:

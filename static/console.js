@@ -18,8 +18,6 @@ tabs(document.querySelector("[role=tablist]"));
 undoKeys(graph);
 if (!me.mayEdit) for (const id of ["publish", "undo", "redo"]) $(id).hidden = true;
 for (const [id, name] of [["undo", "undo"], ["redo", "redo"]]) $(id).prepend(icon(name));
-await graph.fetch();
-follow(showLive);
 
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
@@ -189,3 +187,6 @@ function rename(item, poi) {
 function redrawPlaces() {
   drawPlaces({ pois: graph.data.pois, edges: graph.data.edges.map(({ a, b }) => [a, b]) });
 }
+
+await graph.fetch();
+follow(showLive);

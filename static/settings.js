@@ -35,7 +35,7 @@ function buildRow(spec) {
   const node = el("div", { class: "setting" },
     el("div", {}, title, el("p", { class: "meaning", id: `${id}-meaning` }, spec.meaning),
       el("p", { class: "facts" }, `${spec.key} · default ${words(spec, spec.default)}${spec.source ? ` · ${spec.source}` : ""}`)),
-    el("div", { class: "control" }, control.node, el("div", { class: "row" }, state, reset)));
+    el("div", { class: "control" }, control.node, el("div", { class: "row foot" }, state, reset)));
   rows.set(spec.key, { spec, node, control, state, reset, waiting: null });
   return node;
 }
@@ -67,10 +67,9 @@ function buildControl(spec, id) {
   };
 }
 
-function humanName({ name, unit, kind }) {
-  const bare = unit || /_(count|fraction)$/.test(name) ? name.replace(/_[a-z]+$/, "") : name;
-  const text = bare.replaceAll("_", " ");
-  return text.charAt(0).toUpperCase() + text.slice(1) + (kind === "int" && /_px$/.test(name) ? " (px)" : "");
+function humanName({ name, unit }) {
+  const text = (unit ? name.replace(/_[a-z]+$/, "") : name).replaceAll("_", " ");
+  return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
 function words(spec, value) {
@@ -162,7 +161,7 @@ $("device-select").addEventListener("change", () => {
 });
 
 const showStatus = onChange(({ name, able, told, linked, tuning }) => {
-  let sentence = `${name} runs revision ${told}.`;
+  let sentence = told ? `${name} runs revision ${told} of its settings.` : `${name} runs the settings that it started with.`;
   if (!linked) sentence = "No connection to the console: nothing can be changed now.";
   else if (!name) sentence = "No device has called yet: these are the defaults.";
   else if (!able) sentence = `${name} is not connected: these are the settings that it ran last, and they cannot be changed now.`;

@@ -1,0 +1,359 @@
+"""The link to the devices: what is stored, what is offered, and what becomes of orders."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from console_room import DEFAULTS, DialledDevice, Person, first_admin, hello_of, serving, until
+from hypothesis import given
+from hypothesis import strategies as st
+
+from console.clock_offset import ClockOffset
+from console.edits import UpdatePoi
+from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, Freshness, freshness
+from console.server import ConsoleServer
+from navcore.site import Site, map_checksum, save_site, unpack_site
+from navcore.wire import (
+    ApplySettings,
+    DepthImage,
+    Event,
+    EventConfirmed,
+    GraphRunning,
+    MapAvailable,
+    MapRunning,
+    Ping,
+    Pong,
+    PublishGraph,
+    RouteChanged,
+    Say,
+    SetDestination,
+    SettingsRunning,
+    WalkerState,
+    Welcome,
+)
+
+
+@pytest.fixture
+def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as running:
+        yield running
+
+
+@pytest.fixture
+def admin(server: ConsoleServer) -> Person:
+    return first_admin(server)
+
+
+def token_for(admin: Person, name: str = "Lead glasses") -> str:
+    return str(admin.http.post("/api/tokens", json={"name": name}).raise_for_status().json()["token"])
+
+
+@pytest.fixture
+def device(server: ConsoleServer, admin: Person) -> Iterator[DialledDevice]:
+    dialled = DialledDevice(server.ready.url, token_for(admin), hello_of(server))
+    with dialled.socket:
+        dialled.next(Welcome)
+        yield dialled
+
+
+def state(stamp_s: float = 1000.0, **changes: object) -> WalkerState:
+    values = {"stamp_s": stamp_s, "quality": "localized", "action": "stop", "reason": "no_route"}
+    return WalkerState(**(values | changes))  # type: ignore[arg-type]
+
+
+def test_events_are_stored_once_and_in_order_over_a_broken_link(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    for sequence in (1, 2, 3, 2):
+        device.send(Event(sequence, 1000.0 + sequence, "cue", f"event {sequence}"))
+        assert device.next(EventConfirmed).sequence == sequence
+    device.socket.close()
+    token = token_for(admin)
+    again = DialledDevice(server.ready.url, token, hello_of(server))
+    assert again.next(Welcome).last_event_sequence == 3
+    again.send(Event(3, 1003.0, "cue", "event 3"))
+    again.send(Event(4, 1004.0, "arrived", "event 4"))
+    assert again.next(EventConfirmed).sequence == 3
+    assert again.next(EventConfirmed).sequence == 4
+    stored = server.services.devices.latest_events("glasses", 100)
+    assert [(event.sequence, event.text) for event in stored] == [(n, f"event {n}") for n in (1, 2, 3, 4)]
+    shown = until(server.services.hub, lambda d: d.connected and len(d.events) >= 4)
+    assert [event.sequence for event in shown.events] == [1, 2, 3, 4]
+    again.socket.close()
+
+
+def test_a_device_belongs_to_its_token(server: ConsoleServer, admin: Person, device: DialledDevice) -> None:
+    other = DialledDevice(server.ready.url, token_for(admin, "Thief"), hello_of(server))
+    code, reason = other.close_code()
+    assert code == 4403
+    assert "belongs to the token of 'Lead glasses'" in reason
+    device.send(Event(1, 0.0, "cue", "still here"))
+    assert device.next(EventConfirmed).sequence == 1
+
+
+def test_another_protocol_version_is_refused_with_the_reason(server: ConsoleServer, admin: Person) -> None:
+    other = DialledDevice(server.ready.url, token_for(admin), hello_of(server, protocol_version=99))
+    code, reason = other.close_code()
+    assert code == 4403
+    assert "protocol 1, this device 99" in reason
+
+
+@pytest.mark.parametrize(
+    "data", [b"", b"\x00" * 100, b"\xc1", b"\x81" * 2000, "text", b"\x82\xa4type\xa5state\xa1x\x01"]
+)
+def test_what_cannot_be_read_closes_that_link_only(
+    server: ConsoleServer, admin: Person, device: DialledDevice, data: bytes | str
+) -> None:
+    broken = DialledDevice(server.ready.url, token_for(admin, "Broken"), hello_of(server, "broken"))
+    broken.next(Welcome)
+    broken.socket.send(data)
+    assert broken.close_code()[0] == 1007
+    device.send(Event(1, 0.0, "cue", "unharmed"))
+    assert device.next(EventConfirmed).sequence == 1
+
+
+def test_a_link_must_begin_with_hello(server: ConsoleServer, admin: Person) -> None:
+    silent = DialledDevice(server.ready.url, token_for(admin), None)
+    silent.send(state())
+    assert silent.close_code()[0] == 1007
+
+
+def test_a_second_link_of_the_same_device_takes_over(server: ConsoleServer, admin: Person) -> None:
+    token = token_for(admin)
+    first = DialledDevice(server.ready.url, token, hello_of(server))
+    first.next(Welcome)
+    second = DialledDevice(server.ready.url, token, hello_of(server))
+    second.next(Welcome)
+    assert first.close_code()[0] == 4409
+    second.send(state(mode="idle", last_cue="second"))
+    until(server.services.hub, lambda d: d.connected and d.state is not None and d.state.last_cue == "second")
+    second.socket.close()
+
+
+def test_revoking_a_token_ends_its_link(admin: Person, device: DialledDevice) -> None:
+    admin.http.post("/api/tokens/revoke", json={"name": "Lead glasses"}).raise_for_status()
+    assert device.close_code()[0] == 4401
+
+
+def test_the_clocks_are_compared_and_ages_come_from_capture_times(server: ConsoleServer, device: DialledDevice) -> None:
+    hub = server.services.hub
+    for _ in range(3):
+        ping = device.next(Ping)
+        device.send(Pong(ping.console_now_s, ping.console_now_s + 5000.0))
+    device.send(state(hub.now_s() + 5000.0 - 2.0))
+    shown = until(hub, lambda d: d.state is not None and d.round_trip_s is not None)
+    age_s = shown.age_s(shown.state_arrival_s or 0.0)
+    assert age_s is not None
+    assert 1.5 <= age_s - shown.round_trip_s / 2 <= 2.5 + (shown.round_trip_s or 0.0)  # type: ignore[operator]
+    assert shown.freshness(shown.state_arrival_s or 0.0) is Freshness.DELAYED
+
+
+@given(st.floats(-1e6, 1e6), st.lists(st.tuples(st.floats(0.0, 5.0), st.floats(0.0, 1.0)), min_size=1, max_size=20))
+def test_the_offset_is_right_within_half_of_the_best_round_trip(
+    offset_s: float, trips: list[tuple[float, float]]
+) -> None:
+    clock = ClockOffset(offset_s, 0.0)
+    now_s = 100.0
+    for round_trip_s, share in trips:
+        clock.add(now_s, now_s + share * round_trip_s + offset_s, now_s + round_trip_s)
+        now_s += 10.0
+    assert clock.round_trip_s is not None
+    assert abs(clock.offset_s - offset_s) <= clock.round_trip_s / 2 + 1e-6
+    assert clock.round_trip_s == pytest.approx(min(trip for trip, _ in trips[-12:]), abs=1e-6)
+
+
+@given(st.floats(0, 100), st.floats(0, 100))
+def test_nothing_gets_fresher_by_waiting(age_s: float, more_s: float) -> None:
+    order = list(Freshness)
+    assert order.index(freshness(age_s + more_s, True)) >= order.index(freshness(age_s, True))
+    assert freshness(age_s, False) is freshness(None, True) is Freshness.LOST
+
+
+def test_freshness_changes_where_the_design_says() -> None:
+    for limit_s, below, above in (
+        (DELAYED_AFTER_S, Freshness.LIVE, Freshness.DELAYED),
+        (STALE_AFTER_S, Freshness.DELAYED, Freshness.STALE),
+        (LOST_AFTER_S, Freshness.STALE, Freshness.LOST),
+    ):
+        assert freshness(limit_s, True) is below
+        assert freshness(limit_s + 0.01, True) is above
+
+
+# -------------------------------------------------------------------------------------------------------- orders
+def asked(admin: Person, what: str, body: object = None) -> httpx.Response:
+    return admin.http.post(f"/api/devices/glasses/{what}", json=body)
+
+
+def fate(server: ConsoleServer, kind: str, state: str) -> str:
+    device = until(server.services.hub, lambda d: any(c.kind == kind and c.state == state for c in d.commands))
+    return next(c.refusal for c in reversed(device.commands) if c.kind == kind)
+
+
+def test_a_destination_is_taken_or_refused(server: ConsoleServer, admin: Person, device: DialledDevice) -> None:
+    assert asked(admin, "destination", {"poi_id": "b"}).json()["command"]["state"] == "sent"
+    assert device.next(SetDestination).poi_id == "b"
+    device.send(RouteChanged(1000.0, ((0.0, 0.0), (6.0, 0.0)), (("Bar", 6.0),), "b"))
+    fate(server, "set_destination", "running")
+    asked(admin, "destination", {"poi_id": "a"}).raise_for_status()
+    device.send(RouteChanged(1001.0, refusal="No way leads there."))
+    assert fate(server, "set_destination", "refused") == "No way leads there."
+    assert asked(admin, "destination", {"poi_id": "nowhere"}).status_code == 404
+
+
+def test_pause_resume_clear_and_say_are_seen_to_run(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    for what, answer in (
+        ("pause", state(mode="paused", destination_id="b")),
+        ("resume", state(mode="guiding", destination_id="b")),
+        ("clear", state(mode="idle")),
+    ):
+        asked(admin, what).raise_for_status()
+        device.send(answer)
+        fate(server, what, "running")
+    asked(admin, "say", {"text": "Well  done."}).raise_for_status()
+    assert device.next(Say).text == "Well done."
+    device.send(Event(1, 1000.0, "cue", "Well done."))
+    fate(server, "say", "running")
+    for bad in ({"text": ""}, {"text": "   "}, {"text": "x" * 301}, {"text": "a\x07b"}, {"word": "a"}, None):
+        assert asked(admin, "say", bad).status_code == 400
+
+
+def test_orders_to_a_device_that_is_away_are_refused_and_waiting_ones_given_up(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    asked(admin, "destination", {"poi_id": "b"}).raise_for_status()
+    device.socket.close()
+    fate(server, "set_destination", "unanswered")
+    answer = asked(admin, "pause")
+    assert answer.status_code == 409
+    assert "not connected" in answer.json()["error"]
+    assert admin.http.post("/api/devices/unknown/pause").status_code == 404
+
+
+def test_the_depth_silhouette_is_passed_on_as_it_came(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    assert admin.http.get("/api/devices/glasses/depth.jpg").status_code == 404
+    device.send(DepthImage(1000.0, b"\xff\xd8 a picture"))
+    until(server.services.hub, lambda d: d.depth_image is not None)
+    answer = admin.http.get("/api/devices/glasses/depth.jpg")
+    assert (answer.content, answer.headers["content-type"]) == (b"\xff\xd8 a picture", "image/jpeg")
+
+
+# ------------------------------------------------------------------------------------------------ settings, graph, map
+def change(admin: Person, changes: dict[str, object], **more: object) -> httpx.Response:
+    return admin.http.patch("/api/devices/glasses/settings", json={"changes": changes, **more})
+
+
+def test_settings_run_or_are_refused_and_both_are_kept(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    device.send(SettingsRunning(0, dict(DEFAULTS)))
+    until(server.services.hub, lambda d: d.settings is not None)
+    change(admin, {"follower.sub_goal_distance_m": 2.5}, why="narrow corridor").raise_for_status()
+    order = device.next(ApplySettings)
+    assert order.values == DEFAULTS | {"follower.sub_goal_distance_m": 2.5}
+    device.send(SettingsRunning(order.revision, order.values))
+    fate(server, "apply_settings", "running")
+    change(admin, {"cues.announce_m": 8.0}).raise_for_status()
+    second = device.next(ApplySettings)
+    assert second.values["follower.sub_goal_distance_m"] == 2.5
+    device.send(SettingsRunning(order.revision, order.values, second.revision, "Not while somebody walks."))
+    assert fate(server, "apply_settings", "refused") == "Not while somebody walks."
+    kept = admin.http.get("/api/devices/glasses/settings").json()
+    assert kept["values"]["cues.announce_m"] == DEFAULTS["cues.announce_m"]
+    newest, oldest = kept["revisions"]
+    assert (newest["state"], newest["refusal"]) == ("refused", "Not while somebody walks.")
+    assert (oldest["state"], oldest["why"], oldest["author"]) == ("running", "narrow corridor", "Ada")
+    assert oldest["changes"] == {"follower.sub_goal_distance_m": [3.0, 2.5]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"follower.sub_goal_distance_m": 99.0}, "from 0.5 to 10"),
+        ({"follower.sub_goal_distance_m": "far"}, "from 0.5 to 10"),
+        ({"follower.sub_goal_distance_m": None}, "cannot be used"),
+        ({"no.such": 1}, "no setting"),
+        ({}, "cannot be used"),
+        ({"gate.clearance_m": 1.5}, "safety hangs on gate.clearance_m"),
+        ({"obstacle.stop_distance_m": 2.0, "obstacle.clearance_m": 1.0}, "less than obstacle.clearance_m"),
+    ],
+)
+def test_unfit_settings_are_refused_before_they_are_sent(
+    admin: Person, device: DialledDevice, changes: dict[str, object], words: str
+) -> None:
+    answer = change(admin, changes)
+    assert answer.status_code == 400
+    assert words in answer.json()["error"]
+    assert admin.http.get("/api/devices/glasses/settings").json()["revisions"] == []
+
+
+def test_what_safety_hangs_on_needs_a_confirmation(admin: Person, device: DialledDevice) -> None:
+    change(admin, {"gate.clearance_m": 1.5}, confirmed=True, why="glass doors").raise_for_status()
+    assert device.next(ApplySettings).values["gate.clearance_m"] == 1.5
+
+
+def test_a_device_that_comes_back_is_asked_again_for_the_settings_it_missed(
+    server: ConsoleServer, admin: Person
+) -> None:
+    token = token_for(admin)
+    first = DialledDevice(server.ready.url, token, hello_of(server, settings_revision=7))
+    first.next(Welcome)
+    change(admin, {"cues.announce_m": 8.0}).raise_for_status()
+    revision = first.next(ApplySettings).revision
+    assert revision > 7
+    first.socket.close()
+    second = DialledDevice(server.ready.url, token, hello_of(server, settings_revision=7))
+    assert second.next(ApplySettings).revision == revision
+    second.socket.close()
+
+
+def test_a_published_graph_reaches_the_device_at_once_or_when_it_comes(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
+    admin.http.post("/api/publish").raise_for_status()
+    graph = device.next(PublishGraph).graph
+    assert graph == server.services.model.published
+    device.send(GraphRunning(graph.version))
+    until(server.services.hub, lambda d: d.graph_version == graph.version)
+    late = DialledDevice(server.ready.url, token_for(admin, "Late"), hello_of(server, "late", graph_version=1))
+    assert late.next(PublishGraph).graph == graph
+    late.socket.close()
+
+
+def test_a_device_with_another_map_fetches_ours_and_then_gets_the_graph(
+    server: ConsoleServer, admin: Person, tmp_path: Path
+) -> None:
+    token = token_for(admin)
+    stranger = DialledDevice(server.ready.url, token, hello_of(server, map_checksum="another", graph_version=0))
+    offer = stranger.next(MapAvailable)
+    package = httpx.get(
+        server.ready.url + offer.path, headers={"Authorization": f"Bearer {token}"}, trust_env=False, timeout=20
+    )
+    assert len(package.content) == offer.size_bytes
+    unpack_site(package.content, tmp_path / "fetched")
+    assert map_checksum(tmp_path / "fetched") == offer.map_checksum
+    stranger.send(MapRunning("another", "The disk is full."))
+    stranger.send(MapRunning(offer.map_checksum))
+    assert stranger.next(PublishGraph).graph == server.services.model.published
+    stranger.socket.close()
+
+
+def test_the_stream_tells_the_whole_picture(server: ConsoleServer, admin: Person, device: DialledDevice) -> None:
+    device.send(state(mode="guiding", action="walk", reason="ok", destination_id="b", deviation_m=0.25))
+    until(server.services.hub, lambda d: d.state is not None)
+    with admin.live() as socket:
+        picture = json.loads(socket.recv(timeout=20))
+    shown = picture["devices"][0]
+    assert (shown["name"], shown["connected"], shown["freshness"]) == ("Lead glasses", True, "live")
+    assert shown["state"]["reason"] == "The way is free."
+    assert shown["state"]["deviation_m"] == 0.25
+    assert picture["draft_version"] == picture["published_version"]

@@ -1,0 +1,296 @@
+"""The draft: edits, undo, publishing, and what of it survives a restart."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from console_room import first_admin, invited, serving
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from console.edits import (
+    AddEdge,
+    AddPoi,
+    DeleteEdge,
+    DeletePoi,
+    Edit,
+    MovePoi,
+    ProposeEdges,
+    SetEdge,
+    UpdatePoi,
+)
+from console.errors import ConflictError
+from console.graph_delta import apply_delta, difference
+from console.graph_log import MemoryGraphLog
+from console.graph_store import StoredGraphLog
+from console.model import SiteModel
+from console.store import Store
+from navcore.errors import VbrError
+from navcore.planning.edits import validate
+from navcore.planning.poi_graph import PoiGraph
+from navcore.site import Site, load_poi_graph, save_site
+
+PEOPLE = ("Ada", "Bob")
+
+
+def floor_site() -> Site:
+    """Return a site with a road of two corridors, and no place yet."""
+    t = np.linspace(0.0, 1.0, 81)[:, None]
+    ends = [np.array(p, dtype=np.float64) for p in ((0, 0, 0), (8, 0, 0), (8, 8, 0))]
+    road = np.vstack([ends[0] + t * (ends[1] - ends[0]), (ends[1] + t * (ends[2] - ends[1]))[1:]])
+    from navcore.types import CameraIntrinsics
+
+    camera = CameraIntrinsics(320, 240, 230.0, 230.0, 160.0, 120.0)
+    return Site("floor", "Floor", camera, {}, (road,), np.zeros((4, 3), np.float32), np.zeros((4, 3), np.uint8))
+
+
+SITE = floor_site()
+IDS = st.sampled_from(["door", "door-2", "bar", "lift", "e1", "e2", "e3"])
+PLACES = st.tuples(st.floats(-1, 9), st.floats(-1, 9))
+
+
+@st.composite
+def edits(draw: st.DrawFn) -> Edit:
+    kind = draw(
+        st.sampled_from(["add", "add", "add", "move", "move", "name", "delete", "join", "cut", "set", "all", "all"])
+    )
+    x_m, y_m = draw(PLACES)
+    match kind:
+        case "add":
+            return AddPoi(draw(st.sampled_from(["Door", "Bar", "Lift"])), "door", x_m, y_m, draw(st.booleans()))
+        case "move":
+            return MovePoi(draw(IDS), x_m, y_m, draw(st.booleans()))
+        case "name":
+            return UpdatePoi(draw(IDS), name=draw(st.sampled_from(["Door", "Exit"])))
+        case "delete":
+            return DeletePoi(draw(IDS))
+        case "join":
+            return AddEdge(draw(IDS), draw(IDS))
+        case "cut":
+            return DeleteEdge(draw(IDS))
+        case "set":
+            return SetEdge(draw(IDS), closed=draw(st.booleans()))
+        case _:
+            return ProposeEdges()
+
+
+STEPS = st.lists(st.tuples(st.sampled_from(PEOPLE), st.one_of(edits(), st.sampled_from(["undo", "redo"]))), max_size=25)
+
+
+def play(model: SiteModel, steps: list[tuple[str, Edit | str]]) -> None:
+    for who, step in steps:
+        before = model.graph
+        try:
+            if isinstance(step, str):
+                model.undo(who) if step == "undo" else model.redo(who)
+            else:
+                model.apply(step, who)
+        except VbrError:
+            assert model.graph == before, "what is refused changes nothing"
+        else:
+            assert model.graph.version == before.version + (model.graph is not before)
+        validate(model.graph)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(STEPS)
+def test_whatever_two_people_do_the_graph_stays_valid_and_the_log_gives_it_back(
+    steps: list[tuple[str, Edit | str]],
+) -> None:
+    log = MemoryGraphLog()
+    model = SiteModel(SITE, log)
+    play(model, steps)
+    again = SiteModel(SITE, log)
+    assert again.graph == model.graph
+    for who in PEOPLE:
+        assert again.can_redo(who) == model.can_redo(who)
+        assert not model.can_undo(who) or again.can_undo(who)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(edits(), max_size=15))
+def test_one_persons_undo_leads_back_to_the_start_and_redo_to_the_end(steps: list[Edit]) -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    start = model.graph
+    play(model, [("Ada", step) for step in steps])
+    end, count = model.graph, 0
+    while model.can_undo("Ada"):
+        model.undo("Ada")
+        count += 1
+    assert (model.graph.pois, model.graph.edges) == (start.pois, start.edges)
+    for _ in range(count):
+        model.redo("Ada")
+    assert (model.graph.pois, model.graph.edges) == (end.pois, end.edges)
+
+
+@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(edits(), max_size=12))
+def test_a_difference_leads_there_and_its_inverse_back(steps: list[Edit]) -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    before = model.graph
+    play(model, [("Ada", step) for step in steps])
+    delta = difference(before, model.graph)
+    there = apply_delta(before, delta, model.graph.version)
+    assert there == model.graph
+    assert apply_delta(there, delta.inverse(), before.version) == before
+
+
+def test_an_undo_never_takes_away_what_others_built_on_it() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    for name, x_m in (("Door", 1.0), ("Bar", 6.0)):
+        model.apply(AddPoi(name, "door", x_m, 0.0), "Ada")
+    model.apply(MovePoi("bar", 5.0, 0.0), "Bob")
+    model.apply(AddEdge("door", "bar"), "Bob")
+    with pytest.raises(ConflictError, match="Bar"):
+        model.undo("Ada")
+    with pytest.raises(ConflictError, match="edge"):
+        model.undo("Ada")
+    assert set(model.graph.pois) == {"door", "bar"}
+    assert len(model.graph.edges) == 1
+
+
+def test_listeners_hear_every_change_in_order_and_one_that_fails_stops_nobody() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    heard: list[tuple[str, int]] = []
+
+    def fail(_: object) -> None:
+        raise RuntimeError("a broken listener")
+
+    model.subscribe(fail)
+    unsubscribe = model.subscribe(lambda change: heard.append((change.kind, change.graph.version)))
+    first = model.graph.version
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    model.undo("Ada")
+    model.redo("Ada")
+    model.publish("Ada")
+    model.publish("Ada")
+    unsubscribe()
+    model.apply(DeletePoi("door"), "Ada")
+    assert heard == [("edit", first + 1), ("undo", first + 2), ("redo", first + 3), ("publish", first + 3)]
+
+
+def test_an_answered_edit_is_in_the_database_before_anybody_hears_of_it(tmp_path: Path) -> None:
+    store, other = Store.open(tmp_path), Store.open(tmp_path)
+    model = SiteModel(SITE, StoredGraphLog(store, "floor", "Floor"))
+    seen: list[int] = []
+    model.subscribe(lambda _: seen.append(max(e.version for e in StoredGraphLog(other, "floor", "Floor").entries())))
+    graph = model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    assert seen == [graph.version]
+
+
+def test_a_second_console_on_the_same_site_is_refused_not_mixed(tmp_path: Path) -> None:
+    models = [SiteModel(SITE, StoredGraphLog(Store.open(tmp_path), "floor", "Floor")) for _ in range(2)]
+    models[0].apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    with pytest.raises(ConflictError, match="Another console"):
+        models[1].apply(AddPoi("Bar", "bar", 2.0, 0.0), "Bob")
+    assert models[1].graph.pois == {}
+
+
+def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
+    save_site(SITE, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        admin = first_admin(server)
+        assert admin.graph()["version"] == admin.graph()["published_version"] == 1
+        for name, x_m in (("Hall", 0.5), ("Wash room", 6.0), ("Room 3308", 7.9)):
+            admin.edit("add_poi", name=name, kind="room", x_m=x_m, y_m=0.3).raise_for_status()
+        graph = admin.edit("propose_edges").raise_for_status().json()
+        assert [edge["length_m"] for edge in graph["edges"]] == pytest.approx([5.5, 1.9], abs=0.05)
+        admin.edit("update_poi", poi_id="hall", name="Great hall").raise_for_status()
+        admin.http.post("/api/undo").raise_for_status()
+        assert graph["published_version"] == 1
+        assert not graph["destinations"]
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        admin.__init__(server.ready.url)  # type: ignore[misc]
+        admin.sign_in("Ada").raise_for_status()
+        again = admin.graph()
+        assert {poi["name"] for poi in again["pois"]} == {"Hall", "Wash room", "Room 3308"}
+        assert len(again["edges"]) == 2
+        assert again["version"] == 7
+        assert again["can_redo"]
+        assert admin.http.post("/api/redo").json()["pois"][0]["name"] == "Great hall"
+        assert not admin.http.post("/api/undo").json()["pois"][0]["name"].startswith("Great")
+        assert admin.http.post("/api/undo").json()["edges"] == []
+        published = admin.http.post("/api/publish").json()
+        assert published["published_version"] == published["version"]
+        assert len(published["destinations"]) == 3
+        assert load_poi_graph(tmp_path / "site") == server.services.model.published
+        assert [line["kind"] for line in admin.http.get("/api/history").json()["history"]][:4] == [
+            "undo",
+            "undo",
+            "redo",
+            "undo",
+        ]
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        assert server.services.model.published.version == published["version"]
+
+
+def test_the_graph_of_the_site_is_where_the_draft_begins(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        assert server.services.model.graph == small_site.poi_graph
+        assert server.services.model.published == small_site.poi_graph
+
+
+def test_a_map_that_was_built_anew_begins_from_its_own_graph(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        server.services.model.apply(DeletePoi("a"), "Ada")
+    import dataclasses
+
+    fresh = dataclasses.replace(small_site, cloud_points_m=small_site.cloud_points_m + 1, poi_graph=PoiGraph())
+    save_site(fresh, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        assert server.services.model.graph.pois == {}
+
+
+BAD_EDITS = [
+    (b"", "cannot be made"),
+    (b"{", "cannot be made"),
+    (b"[" * 50_000, "cannot be made"),
+    (b'{"edit": "explode"}', "explode"),
+    (b'{"edit": "add_poi", "name": "", "kind": "room", "x_m": 0, "y_m": 0}', "cannot be made"),
+    (b'{"edit": "add_poi", "name": "A", "kind": "palace", "x_m": 0, "y_m": 0}', "palace"),
+    (b'{"edit": "add_poi", "name": "A", "kind": "room", "x_m": 1e300, "y_m": 0}', "cannot be made"),
+    (b'{"edit": "add_poi", "name": "A", "kind": "room", "x_m": NaN, "y_m": 0}', "cannot be made"),
+    (b'{"edit": "add_poi", "name": "A", "kind": "room", "x_m": 50, "y_m": 50}', "from the road"),
+    (b'{"edit": "add_poi", "name": "A\\ud800", "kind": "room", "x_m": 1, "y_m": 0}', "cannot be made"),
+    (b'{"edit": "add_edge", "a": "a", "b": "a"}', "twice"),
+    (b'{"edit": "add_edge", "a": "a", "b": "b"}', "joined already"),
+    (b'{"edit": "delete_poi", "poi_id": "nowhere"}', "nowhere"),
+    (b'{"edit": "set_edge", "edge_id": "a-b", "cost_multiplier": 0.1}', "cannot be made"),
+    (b'{"edit": "delete_poi", "poi_id": "a", "also": 1}', "also"),
+    (b'{"edit": "delete_poi", "poi_id": "' + b"a" * 300_000 + b'"}', "too large"),
+]
+
+
+def test_bad_edits_get_a_sentence_and_change_nothing(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        admin = first_admin(server)
+        for body, words in BAD_EDITS:
+            answer = admin.http.post("/api/edits", content=body)
+            assert 400 <= answer.status_code < 500, body[:80]
+            assert words in answer.json()["error"], (body[:80], answer.text)
+        for path in ("/api/undo", "/api/redo"):
+            answer = admin.http.post(path)
+            assert (answer.status_code, answer.json()["error"][:20]) == (409, "There is nothing to ")
+        assert admin.graph()["version"] == 1
+
+
+def test_a_flight_reaches_the_scenes_of_the_same_session_only(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        admin = first_admin(server)
+        viewer = invited(admin, "Vera", "viewer")
+        heard: dict[str, list[object]] = {"Ada": [], "Vera": []}
+        for person, name in ((admin, "Ada"), (viewer, "Vera")):
+            token = next(iter(person.http.cookies.values()))
+            signed_in = server.services.accounts.signed_in(token)
+            assert signed_in is not None
+            server.services.views.subscribe(signed_in.session_id, heard[name].append)
+        assert viewer.http.post("/api/view", json={"fly_to": "b"}).json() == {"scenes": 1}
+        assert (len(heard["Vera"]), len(heard["Ada"])) == (1, 0)
+        assert viewer.http.post("/api/view", json={"fly_to": "zzz"}).status_code == 404
+        assert viewer.http.post("/api/view", json={}).status_code == 400

@@ -11,7 +11,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import metadata
 from pathlib import Path
 
@@ -36,7 +36,7 @@ from navcore.cues.table import Cue
 from navcore.errors import SiteError, VbrError
 from navcore.settings import Settings
 from navcore.site import Site, load_site
-from navcore.types import CameraIntrinsics
+from navcore.types import Action, CameraIntrinsics
 from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, SettingsRunning
 
 MAX_WAITING_ORDERS = 256
@@ -137,11 +137,17 @@ class DeviceAgent:
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
         else:
-            timeout_s = self.state.settings.watchdog.guidance_timeout_s
-            self.watchdog.beat(Heartbeat(cycle.stamp_s, self.state.mode == "guiding", timeout_s))
+            self.watchdog.beat(self._heartbeat(cycle))
         self._do_all(effects)
         self._report(cycle)
         return cycle
+
+    def _heartbeat(self, cycle: Cycle) -> Heartbeat:
+        # A stop is right however old its picture is, as long as the loop lives.
+        stopped = cycle.guidance.action is Action.STOP
+        stamp_s = self._parts.clock.now_s() if stopped else cycle.stamp_s
+        timeout_s = self.state.settings.watchdog.guidance_timeout_s
+        return Heartbeat(stamp_s, self.state.mode == "guiding", timeout_s)
 
     def _take_orders(self) -> None:
         while True:
@@ -158,7 +164,9 @@ class DeviceAgent:
         """What the watchdog overruled is said again once guidance is fresh."""
         if self.watchdog.incidents != self._incidents_heard:
             self._incidents_heard = self.watchdog.incidents
-            self._voice.forget()
+            now_s = self._parts.clock.now_s()
+            self._voice.overruled(now_s)
+            self.state = replace(self.state, failed_s=now_s)
 
     # ----------------------------------------------------------------------------------------------- effects
     def _do_all(self, effects: tuple[Effect, ...]) -> None:

@@ -101,10 +101,12 @@ def _extra_with(package: str | None) -> str | None:
 
 def _log_to_stderr(debug: bool) -> None:
     logging.basicConfig(
-        level=logging.DEBUG if debug else logging.WARNING,
-        format="%(asctime)s %(levelname)s %(name)s: %(message)s",
-        stream=sys.stderr,
+        level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s", stream=sys.stderr
     )
+    if debug:
+        # Only our own: the compiler's log would drown it, and slow everything down.
+        for package in ("navcore", "device_agent", "console"):
+            logging.getLogger(package).setLevel(logging.DEBUG)
 
 
 def _refuse(sentence: str) -> int:

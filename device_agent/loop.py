@@ -58,6 +58,8 @@ class StageTimes:
             self.stage_ms[name] = 1000.0 * (time.perf_counter() - began)
 
 
+SETTLED_AFTER_S = 1.0
+"""After a failure everything must have been fresh for so long before the walker moves again: no "stop, go, stop"."""
 Outcome = tuple[DeviceState, Cycle, tuple[Effect, ...]]
 
 
@@ -88,10 +90,10 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose, frame.stamp_s)
     with times.stage("scan"):
         scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
-        sonar = _sonar(ports)
+        sonar = _sonar(ports, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
-        guidance = _fresh_or_stop(guidance, ports.clock.now_s(), settings.watchdog.guidance_timeout_s)
+        state, guidance = _fresh_or_stop(state, guidance, ports.clock.now_s())
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state, arrived = _after(replace(state, guidance=guidance))
@@ -99,12 +101,17 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     return state, cycle, (*effects, *planned, *arrived)
 
 
-def _sonar(ports: Ports) -> SonarReading | None:
-    """A rangefinder that fails is an absent one: guidance goes on with depth only, and says so."""
+def _sonar(ports: Ports, stamp_s: float) -> SonarReading | None:
+    """Return the latest reading, with its age as it is now put before the frame's stamp.
+
+    It is read after the frame has been worked on, so that it may be newer than the frame; only its age tells whether it
+    can be believed. A rangefinder that fails is an absent one: guidance goes on with depth only, and says so.
+    """
     try:
-        return ports.sonar.read()
+        reading = ports.sonar.read()
     except SensorError:
         return None
+    return replace(reading, stamp_s=stamp_s - (ports.clock.now_s() - reading.stamp_s))
 
 
 def _decide(
@@ -124,11 +131,22 @@ def _decide(
     return guidance
 
 
-def _fresh_or_stop(guidance: Guidance, now_s: float, timeout_s: float) -> Guidance:
+def _fresh_or_stop(state: DeviceState, guidance: Guidance, now_s: float) -> tuple[DeviceState, Guidance]:
     """Deciding may have taken so long that the decision is about a place where the walker no longer is."""
-    if guidance.action is Action.STOP or now_s - guidance.stamp_s <= timeout_s:
-        return guidance
-    trace = replace(guidance.trace, rule=f"The decision took {now_s - guidance.stamp_s:.2f} s: too old to walk by.")
+    if guidance.action is Action.STOP:
+        return state, guidance
+    age_s = now_s - guidance.stamp_s
+    if age_s > state.settings.watchdog.guidance_timeout_s:
+        rule = f"The decision is {age_s:.2f} s old: too old to walk by."
+        return replace(state, failed_s=now_s), _stopped(guidance, rule)
+    fresh_for_s = now_s - state.failed_s
+    if fresh_for_s < SETTLED_AFTER_S:
+        return state, _stopped(guidance, f"Fresh for {fresh_for_s:.1f} s of {SETTLED_AFTER_S:g} s since the failure.")
+    return state, guidance
+
+
+def _stopped(guidance: Guidance, rule: str) -> Guidance:
+    trace = replace(guidance.trace, rule=rule)
     return replace(guidance, action=Action.STOP, direction=None, reason=Reason.SENSOR_STALE, trace=trace)
 
 
@@ -145,7 +163,7 @@ def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Out
     guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
     cues = ports.voice.tell(state, guidance, now_s)
     effects = () if state.blind else (Happened("sensor", why[:500]),)
-    state = replace(state, guidance=guidance, blind=True, trail=())
+    state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=())
     return state, Cycle(now_s, guidance, cues=cues, stage_ms=times.stage_ms), effects
 
 
@@ -154,7 +172,7 @@ def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: Stage
     now_s = ports.clock.now_s()
     fault = f"{times.current} failed: {type(error).__name__}: {error}"[:500]
     guidance = _stop(state, now_s, _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE), fault)
-    state = replace(state, guidance=guidance, trail=())
+    state = replace(state, guidance=guidance, failed_s=now_s, trail=())
     return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), ()
 
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 SAMPLE_RATE_HZ = 22_050
 """Rate of everything that the device sounds; espeak-ng's own."""
-_VOICE, _CHINESE_VOICE = "en-us", "cmn"
+_VOICES = {"en": "en-us", "zh": "cmn"}
 _WORDS_PER_MINUTE = 175
 _MAX_CACHED = 200
 _TIMEOUT_S = 10.0
@@ -27,7 +27,9 @@ Samples = NDArray[np.float32]
 class Speech:
     """Turns texts into sound, and remembers those that it has spoken: instructions come again and again."""
 
-    def __init__(self) -> None:
+    def __init__(self, language: str = "en") -> None:
+        """``language`` is that of texts which do not show it by their script."""
+        self._voice = _VOICES.get(language, language)
         self._program = shutil.which("espeak-ng")
         self._cache: OrderedDict[str, Samples] = OrderedDict()
         self._lock = threading.Lock()
@@ -49,19 +51,18 @@ class Speech:
                 self._cache.popitem(last=False)
             return self._cache[text]
 
+    def _voice_for(self, text: str) -> str:
+        """The language may be changed while texts of both wait: Chinese shows by itself which voice it needs."""
+        return _VOICES["zh"] if any("\u4e00" <= character <= "\u9fff" for character in text) else self._voice
+
     def _spoken(self, program: str, text: str) -> Samples:
-        command = [program, "-v", _voice_for(text), "-s", str(_WORDS_PER_MINUTE), "--stdin", "--stdout"]
+        command = [program, "-v", self._voice_for(text), "-s", str(_WORDS_PER_MINUTE), "--stdin", "--stdout"]
         try:
             done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=_TIMEOUT_S, check=True)
             return _samples_of_wav(done.stdout)
         except (OSError, subprocess.SubprocessError, wave.Error, EOFError) as error:
             _log.warning("%r could not be spoken (%s)", text, error)
             return np.zeros(0, np.float32)
-
-
-def _voice_for(text: str) -> str:
-    """The language may be changed while texts of both wait: each says by itself which voice it needs."""
-    return _CHINESE_VOICE if any("\u4e00" <= character <= "\u9fff" for character in text) else _VOICE
 
 
 def _samples_of_wav(data: bytes) -> Samples:

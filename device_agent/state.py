@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -57,6 +58,8 @@ class DeviceState:
     off_route_since_s: float | None = None
     blind: bool = False
     """The camera gave nothing in the last cycle."""
+    failed_s: float = -math.inf
+    """When guidance last failed: no picture, too late a decision, something raised."""
     trail: tuple[TrailPoint, ...] = ()
     """Where the walker was during the last second or so."""
     waiting_graph: PoiGraph | None = None

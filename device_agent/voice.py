@@ -10,7 +10,7 @@ from navcore.cues.bus import CueBus
 from navcore.cues.speech import CueMemory, cues_for, repeat_last, say
 from navcore.cues.table import Cue
 from navcore.settings import Settings
-from navcore.types import Guidance
+from navcore.types import Action, Guidance, Reason
 
 
 class Voice:
@@ -25,26 +25,30 @@ class Voice:
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""
         cues, self._memory = cues_for(guidance, self._memory, state.route, state.settings, now_s)
-        return self._played(cues)
+        return self._played(cues, now_s)
 
     def say(self, text: str, settings: Settings, now_s: float) -> tuple[Cue, ...]:
         """Speak a message as soon as nothing more important is heard; return what is played now."""
         cues, self._memory = say(text, self._memory, settings, now_s)
-        return self._played(cues)
+        return self._played(cues, now_s)
 
     def repeat(self, settings: Settings, now_s: float) -> tuple[Cue, ...]:
         """Say the last sentence again."""
         cues, self._memory = repeat_last(self._memory, settings, now_s)
-        return self._played(cues)
+        return self._played(cues, now_s)
 
-    def forget(self) -> None:
-        """The watchdog has spoken in between: whatever holds is to be said anew."""
+    def overruled(self, now_s: float) -> None:
+        """The watchdog has said *Stop* in between: whatever else holds is to be said anew."""
         bus = CueBus(repeatable=self._memory.bus.repeatable)
-        self._memory = replace(self._memory, bus=bus, told_action=None, told_reason=None)
+        self._memory = replace(
+            self._memory, bus=bus, told_action=Action.STOP, told_reason=Reason.SENSOR_STALE, told_s=now_s
+        )
 
-    def _played(self, cues: tuple[Cue, ...]) -> tuple[Cue, ...]:
-        for cue in cues:
+    def _played(self, cues: tuple[Cue, ...], now_s: float) -> tuple[Cue, ...]:
+        # One that waited, or is said again, keeps the stamp of its origin; outputs need the time at which it is heard.
+        heard = tuple(replace(cue, stamp_s=now_s) for cue in cues)
+        for cue in heard:
             self._output.play(cue)
             if cue.text:
                 self.last_spoken = cue
-        return cues
+        return heard

@@ -1,0 +1,171 @@
+"""A real Chromium for the tests of the console, and hands for its 3D scene. Skips, with a reason, where there is none.
+
+Software rendering draws few frames: everything here waits for a state, never for a frame or a time.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from playwright.sync_api import Browser, Error, Frame, Page, sync_playwright
+
+ARGUMENTS = (
+    "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
+    "--disable-component-update", "--disable-sync", "--no-first-run",
+)  # fmt: skip
+WAIT_S = 60.0
+POLL_MS = 100
+_PROJECT = """
+(name) => {
+  const viewer = window.__viserMutable;
+  const node = viewer && viewer.nodeRefFromName && viewer.nodeRefFromName[name];
+  if (!node || !viewer.camera || !viewer.canvas) return null;
+  node.updateWorldMatrix(true, false);
+  viewer.camera.updateMatrixWorld();
+  const place = node.getWorldPosition(node.position.clone()).project(viewer.camera);
+  const box = viewer.canvas.getBoundingClientRect();
+  return [box.x + (place.x + 1) / 2 * box.width, box.y + (1 - place.y) / 2 * box.height];
+}
+"""
+_BUTTON = """
+([kind, text]) => {
+  const found = [...document.querySelectorAll(kind)].find(
+    (e) => (e.title || e.textContent || '').includes(text) && e.getClientRects().length);
+  if (!found) return null;
+  const box = found.getBoundingClientRect();
+  return [box.x + box.width / 2, box.y + box.height / 2];
+}
+"""
+
+
+def chromium_path() -> Path:
+    """Where Chromium is (VBR_CHROMIUM, or the usual names). Skips the test where it is not."""
+    named = os.environ.get("VBR_CHROMIUM")
+    found = named or shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if not found or not Path(found).exists():
+        pytest.skip("there is no Chromium here (apt-get install chromium): the browser tests are left out")
+    return Path(found)
+
+
+@contextmanager
+def chromium() -> Iterator[Browser]:
+    """Run Chromium until the block ends."""
+    path = chromium_path()
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=str(path), args=list(ARGUMENTS))
+        try:
+            yield browser
+        finally:
+            browser.close()
+
+
+def until(page: Page, state: Callable[[], Any], what: str, wait_s: float = WAIT_S) -> Any:
+    """Wait until a state holds, and return it; fails with what was waited for."""
+    end_s = time.monotonic() + wait_s
+    while True:
+        value = state()
+        if value:
+            return value
+        assert time.monotonic() < end_s, f"waited {wait_s:g} s for: {what}"
+        page.wait_for_timeout(POLL_MS)
+
+
+def become_admin(page: Page, first_link: str, name: str = "Ada", password: str = "seven quiet corridors") -> None:
+    """Open the one-time link of a first start, choose name and password, and arrive at the console."""
+    page.goto(first_link)
+    page.get_by_label("Your name").fill(name)
+    page.get_by_label("Password", exact=True).fill(password)
+    page.get_by_role("button", name="Save and sign in").click()
+    page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
+
+
+class SceneHands:
+    """Hands on the 3D scene of a page: either the scene's own page, or the frame in the console's."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+
+    @property
+    def frame(self) -> Frame:
+        """The frame that viser runs in."""
+        frames = [frame for frame in self.page.frames if "/viewer/scene" in frame.url]
+        assert frames, "this page has no scene"
+        return frames[0]
+
+    def wait_for_node(self, name: str) -> None:
+        """Wait until a node is in the scene."""
+        until(self.page, lambda: self.pixel_of(name), f"the node {name}")
+
+    def pixel_of(self, name: str) -> tuple[float, float] | None:
+        """Where the middle of a node is on the page, in CSS pixels; None while it is not in the scene."""
+        return self._on_page(self._evaluate(_PROJECT, name))
+
+    def steady_pixel_of(self, name: str) -> tuple[float, float]:
+        """Where a node is once camera and node have come to rest."""
+        last: list[tuple[float, float] | None] = [None]
+
+        def rests() -> tuple[float, float] | None:
+            now = self.pixel_of(name)
+            before, last[0] = last[0], now
+            same = now is not None and before is not None
+            return now if same and abs(now[0] - before[0]) + abs(now[1] - before[1]) < 0.5 else None  # type: ignore[index]
+
+        found: tuple[float, float] = until(self.page, rests, f"{name} at rest")
+        return found
+
+    def click_node(self, name: str) -> None:
+        """Click on a node."""
+        self._press_at(*self.steady_pixel_of(name))
+        self.page.mouse.up()
+
+    def drag_node(self, name: str, target: tuple[float, float], steps: int = 12) -> None:
+        """Drag a node with the left button to a place on the page."""
+        x, y = self.steady_pixel_of(name)
+        self._press_at(x, y)
+        for step in range(1, steps + 1):
+            share = step / steps
+            self.page.mouse.move(x + share * (target[0] - x), y + share * (target[1] - y))
+            self.page.wait_for_timeout(60)
+        self.page.wait_for_timeout(400)
+        self.page.mouse.up()
+
+    def _press_at(self, x: float, y: float) -> None:
+        # Viser finds what lies under the pointer when it moves: it needs a moment before the press.
+        self.page.mouse.move(x + 3, y + 3)
+        self.page.mouse.move(x, y)
+        self.page.wait_for_timeout(400)
+        self.page.mouse.down()
+
+    def press_button(self, text: str, kind: str = "button") -> None:
+        """Press a button of the scene's panel (``kind="[role=tab]"`` for a tab)."""
+        place = until(self.page, lambda: self._evaluate(_BUTTON, [kind, text]), f"the button {text!r}")
+        on_page = self._on_page(place)
+        assert on_page is not None
+        self.page.mouse.click(*on_page)
+
+    def press_key(self, key: str) -> None:
+        """Press a key while the scene has the focus."""
+        self.frame.evaluate("() => { document.activeElement && document.activeElement.blur(); window.focus(); }")
+        self.page.keyboard.press(key)
+
+    def _evaluate(self, script: str, argument: Any) -> Any:
+        try:
+            return self.frame.evaluate(script, argument)
+        except Error:
+            # The frame is just being loaded.
+            return None
+
+    def _on_page(self, place: list[float] | None) -> tuple[float, float] | None:
+        if place is None:
+            return None
+        if self.frame.parent_frame is None:
+            return place[0], place[1]
+        box = self.frame.frame_element().bounding_box()
+        return (place[0] + box["x"], place[1] + box["y"]) if box is not None else None

@@ -1,0 +1,121 @@
+"""The map editor in a real Chromium: signed in by the first link, with mouse and keyboard, and after a reload."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import SceneHands, become_admin, chromium, until
+from playwright.sync_api import Browser, Page
+from viewer_site import crossing_corridors
+
+from console.config import ConsoleConfig
+from console.edits import AddEdge, AddPoi
+from console.server import ConsoleServer
+from navcore.site import save_site
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture
+def console(tmp_path: Path) -> Iterator[ConsoleServer]:
+    save_site(crossing_corridors(2500), tmp_path / "site")
+    server = ConsoleServer(ConsoleConfig(tmp_path / "site", tmp_path / "data", port=0))
+    for name, kind, x_m, y_m in (
+        ("Hall", "hall", 3.0, 0.0), ("Junction", "junction", 10.0, 0.0), ("Bar", "bar", 16.0, 0.0),
+    ):  # fmt: skip
+        server.services.model.apply(AddPoi(name, kind, x_m, y_m), "setup")  # type: ignore[arg-type]
+    server.services.model.apply(AddEdge("hall", "junction"), "setup")
+    server.start()
+    try:
+        yield server
+    finally:
+        server.stop()
+
+
+@pytest.fixture
+def page(browser: Browser, console: ConsoleServer) -> Iterator[Page]:
+    context = browser.new_context(viewport={"width": 900, "height": 560})
+    page = context.new_page()
+    assert console.ready.first_link is not None
+    become_admin(page, console.ready.first_link)
+    yield page
+    context.close()
+
+
+def open_scene(page: Page, console: ConsoleServer) -> SceneHands:
+    page.goto(f"{console.ready.url}/viewer/scene/?fixedDpr=0.5")
+    hands = SceneHands(page)
+    hands.wait_for_node("/graph/poi/bar/head")
+    hands.wait_for_node("/map/cloud/points")
+    return hands
+
+
+@pytest.mark.slow
+def test_places_are_dragged_and_connected_with_mouse_and_keys_and_are_still_there_after_a_reload(
+    page: Page, console: ConsoleServer
+) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+
+    # Drag the hall along the road, half-way to the junction.
+    hall, junction = hands.steady_pixel_of("/graph/poi/hall/head"), hands.steady_pixel_of("/graph/poi/junction/head")
+    version = model.graph.version
+    hands.drag_node("/graph/poi/hall/head", ((hall[0] + junction[0]) / 2, (hall[1] + junction[1]) / 2))
+    until(page, lambda: model.graph.version > version, "the drag to be committed")
+    moved = model.graph.pois["hall"]
+    assert 5.0 < moved.x_m < 8.0
+    assert abs(moved.y_m) < 0.01
+    (edge,) = model.graph.edges.values()
+    assert edge.length_m == pytest.approx(10.0 - moved.x_m, abs=0.05)
+
+    # Connect junction and bar: two clicks show the piece of road, Enter accepts it.
+    hands.press_key("3")
+    hands.click_node("/graph/poi/junction/head")
+    until(page, lambda: "From Junction" in hands.frame.content(), "the hint to ask for the other place")
+    hands.click_node("/graph/poi/bar/head")
+    until(page, lambda: "6.0 m along the road" in hands.frame.content(), "the length of the piece of road")
+    assert len(model.graph.edges) == 1
+    hands.press_key("Enter")
+    until(page, lambda: len(model.graph.edges) == 2, "the edge")
+
+    # Undo takes the edge back, redo makes it again.
+    hands.press_key("Control+z")
+    until(page, lambda: len(model.graph.edges) == 1, "the undo")
+    hands.press_key("Control+Shift+z")
+    until(page, lambda: len(model.graph.edges) == 2, "the redo")
+
+    after = model.graph
+    page.reload()
+    hands = SceneHands(page)
+    hands.wait_for_node("/graph/poi/hall/head")
+    assert model.graph == after
+    redrawn = hands.steady_pixel_of("/graph/poi/hall/head")
+    assert abs(redrawn[0] - (hall[0] + junction[0]) / 2) < 25, "the place is drawn where it was dragged to"
+
+
+@pytest.mark.slow
+def test_the_page_in_the_console_runs_no_foreign_code_and_ends_with_the_session(
+    page: Page, console: ConsoleServer
+) -> None:
+    url = console.ready.url
+    # Viser's client would connect to, and obey, any address in its query.
+    page.goto(f"{url}/viewer/scene/?websocket=ws://127.0.0.1:9/evil&fixedDpr=0.5")
+    blocked = page.evaluate(
+        """() => new Promise((done) => {
+          document.addEventListener('securitypolicyviolation', (e) => done(e.effectiveDirective));
+          new WebSocket('ws://127.0.0.1:9/evil').onerror = () => setTimeout(() => done('not blocked'), 500);
+        })"""
+    )
+    assert blocked == "connect-src"
+
+    open_scene(page, console)
+    page.evaluate(f"fetch('{url}/api/sign-out', {{method: 'POST'}})")
+    until(page, lambda: "/signin" in page.url, "the way to the sign-in page", 30.0)

@@ -151,7 +151,7 @@ async def _bring_up_to_date(services: Services, hello: Hello, outlet: SocketOutl
         outlet.send(ApplySettings(wanted.revision, dict(wanted.values)))
     package = services.package
     if hello.map_checksum != package.checksum:
-        size_bytes = len(await run_in_threadpool(package.bytes))
+        size_bytes = len(await run_in_threadpool(package.content))
         outlet.send(MapAvailable(package.path, package.checksum, size_bytes))
     else:
         _offer_graph(services, hello.graph_version, outlet)

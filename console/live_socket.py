@@ -44,7 +44,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError):
+            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
                 await socket.close(SIGNED_OUT_CODE if signed_out.is_set() else 1000)
 
 

@@ -23,7 +23,7 @@ class MapPackage:
         """Where a device fetches it."""
         return f"/api/device/map/{self.checksum}"
 
-    def bytes(self) -> bytes:
+    def content(self) -> bytes:
         """Return the package. Raises SiteError where the site cannot be read."""
         with self._lock:
             if self._bytes is None:
@@ -34,4 +34,4 @@ class MapPackage:
         """Return the package of this checksum. Raises NotFoundError for another."""
         if checksum != self.checksum:
             raise NotFoundError("This map is not offered any more: connect again to hear of the current one.")
-        return self.bytes()
+        return self.content()

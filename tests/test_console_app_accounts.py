@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 from console_room import PASSWORD, Person, first_admin, invited, serving, token_of
+from websockets.exceptions import ConnectionClosed
+from websockets.sync.client import ClientConnection
 
 from console.accounts import LINK_VALID_S, SESSION_IDLE_S, SESSION_LONGEST_S, Accounts
 from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError, TooManyError
@@ -169,6 +171,11 @@ def test_secrets_are_kept_as_hashes_only(accounts: Accounts, tmp_path: Path) -> 
     assert b"$argon2id$" in stored
 
 
+def drain(socket: ClientConnection) -> None:
+    for _ in socket:
+        pass
+
+
 def test_signing_out_a_new_role_and_a_lock_end_sockets_at_once(site_folder: Path, tmp_path: Path) -> None:
     with serving(site_folder, tmp_path / "data") as server:
         admin = first_admin(server)
@@ -183,8 +190,8 @@ def test_signing_out_a_new_role_and_a_lock_end_sockets_at_once(site_folder: Path
         admin.http.patch(f"/api/users/{ids['Rising']}", json={"role": "editor"}).raise_for_status()
         admin.http.patch(f"/api/users/{ids['Locked']}", json={"disabled": True}).raise_for_status()
         for name, socket in sockets.items():
-            for _ in socket:  # ends once the console has closed it
-                pass
+            with pytest.raises(ConnectionClosed):
+                drain(socket)
             assert socket.close_code == 4401, name
             assert users[name].http.get("/api/session").status_code == 401
         assert users["Rising"].sign_in("Rising").status_code == 200

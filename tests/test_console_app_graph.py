@@ -196,7 +196,7 @@ def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
         for name, x_m in (("Hall", 0.5), ("Wash room", 6.0), ("Room 3308", 7.9)):
             admin.edit("add_poi", name=name, kind="room", x_m=x_m, y_m=0.3).raise_for_status()
         graph = admin.edit("propose_edges").raise_for_status().json()
-        assert [edge["length_m"] for edge in graph["edges"]] == pytest.approx([5.5, 1.9], abs=0.05)
+        assert [edge["length_m"] for edge in graph["edges"]] == pytest.approx([5.5, 1.9], abs=0.3)
         admin.edit("update_poi", poi_id="hall", name="Great hall").raise_for_status()
         admin.http.post("/api/undo").raise_for_status()
         assert graph["published_version"] == 1

@@ -154,7 +154,7 @@ def test_a_killed_console_keeps_what_it_has_answered_and_a_stopped_one_ends_clea
         assert person.graph()["pois"][0]["name"] == "Answered"
         with person.live() as live:
             live.recv(timeout=20)
-            process.send_signal(signal.SIGINT)
+            process.send_signal(signal.SIGTERM)
             assert process.wait(timeout=60) == 0
     finally:
         process.kill()

@@ -16,20 +16,23 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from navcore.angles import RelativeAngle, WorldAngle, relative_to
+from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_to
 from navcore.follower.direction import (
     expected_direction,
     needs_correction,
     optimal_direction,
     required_clearance_m,
     walkable,
+    widest_direction,
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
+from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
 from navcore.follower.sub_goal import closest_point, distance_to, has_arrived, select_sub_goal
 from navcore.settings import Settings
 from navcore.types import (
     Action,
     BearingState,
+    CandidateDirection,
     DecisionTrace,
     Guidance,
     Localization,
@@ -137,6 +140,11 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     if has_arrived(goal, pose, follower):
         return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")
     error = relative_to(expected, pose.heading)
+    look = None if before is None else before.trace.look_target
+    if look is not None and abs(relative_to(look, pose.heading)) > math.radians(follower.turn_settled_deg / 2):
+        return cycle.turn(
+            relative_to(look, pose.heading), replace(trace, look_target=look), "look aside for a way round"
+        )
     if _must_turn(cycle, error):
         return cycle.turn(error, trace, "the expected direction is far to the side: turn on the spot")
     return _choose(cycle, pose, goal, expected, deviation_m, trace)
@@ -149,41 +157,75 @@ def _choose(
     settings, scan = cycle.settings, cycle.scan
     if not scan.valid_fraction >= settings.obstacle.min_valid_fraction:
         return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
-    required_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.obstacle.clearance_m)
     error = relative_to(expected, pose.heading)
-    candidates = walkable(scan.candidates, required_m)
-    best = optimal_direction(candidates, expected, pose.heading, deviation_m, settings.follower)
+    best, required_m, rule = _optimal(cycle, pose, goal, expected, deviation_m)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
-    near_m = scan.nearest_ahead_m
-    if near_m is not None and near_m < settings.obstacle.stop_distance_m:
-        return _before_obstacle(
-            cycle, error, trace, _blocking_reason(cycle, 0.0, required_m), "nearer than the stop distance"
-        )
+    stop_m = settings.obstacle.stop_distance_m
+    if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
+        reason = _blocking_reason(cycle, 0.0, required_m)
+        return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
+    if trace.sonar_m is not None and trace.sonar_m < stop_m:
+        return _before_echo(cycle, error, trace, "echo nearer than the stop distance")
     if best is None:
         reason = _blocking_reason(cycle, error, required_m)
         return _before_obstacle(cycle, error, trace, reason, f"D is empty: nothing is free for {required_m:.1f} m")
     gate_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.gate.clearance_m)
+    gate_m = min(gate_m, max(required_m, stop_m))
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
     if direction is None:
-        return cycle.stop(Reason.OBSTACLE_SONAR, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
-    return _leave_stop(cycle, direction, error, deviation_m, trace)
+        return _before_echo(cycle, error, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
+    return _leave_stop(cycle, direction, trace, rule)
+
+
+def _optimal(
+    cycle: _Cycle, pose: Pose2D, goal: SubGoal, expected: WorldAngle, deviation_m: float
+) -> tuple[CandidateDirection | None, float, str]:
+    """Return θ_opt, the clearance that was asked for, and the rule.
+
+    Where nothing is free for δ, the paper stops. Somebody who stands may then begin again with less: in a corridor
+    as wide as two people there is no direction round an obstacle that is free for 2 m.
+    """
+    settings, before, heading = cycle.settings, cycle.previous, pose.heading
+    required_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.obstacle.clearance_m)
+    candidates = walkable(cycle.scan.candidates, required_m)
+    best = optimal_direction(
+        candidates, expected, heading, deviation_m, settings.follower, _last_direction(cycle, heading)
+    )
+    narrow_m = max(settings.obstacle.narrow_clearance_m, settings.obstacle.stop_distance_m)
+    was_wide = before is not None and before.action is Action.WALK and (before.trace.required_m or 0.0) > narrow_m
+    if best is None and narrow_m < required_m and not was_wide:
+        best = widest_direction(walkable(cycle.scan.candidates, narrow_m), expected, heading)
+        return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
+    corrects = needs_correction(deviation_m, relative_to(expected, heading), settings.follower)
+    return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
 
 
 def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: str) -> Guidance:
     """No step forward. Turn on the spot to where a way is, or may be; stop where neither is so."""
-    settings = cycle.settings
+    settings, before, heading = cycle.settings, cycle.previous, trace.heading
     if trace.optimal is not None and abs(trace.optimal) > math.radians(settings.obstacle.candidate_step_deg / 2):
         return cycle.turn(trace.optimal, trace, f"{why}: turn to the free direction")
-    settled = math.radians(settings.follower.turn_settled_deg)
-    # A turn that has begun goes on past the angle that begins one, so that noise does not make it flicker.
-    if trace.optimal is None and abs(error) > (settled / 2 if _is_turning_to_expected(cycle) else settled):
-        return cycle.turn(error, trace, f"{why}: turn to look where the route leads")
+    last_look = None if before is None else before.trace.look_target
+    waits = trace.stopped_since_s is None or cycle.stamp_s - trace.stopped_since_s < LOOK_AFTER_S
+    faces = abs(error) <= _look_threshold_rad(cycle)
+    may_look = trace.look_count < SIDES and (last_look is not None or (faces and not waits))
+    if may_look and trace.expected is not None and heading is not None:
+        target = look_target(trace.expected, cycle.scan, last_look, error)
+        looking = replace(trace, optimal=None, look_target=target, look_count=trace.look_count + 1)
+        return cycle.turn(relative_to(target, heading), looking, f"{why}: look aside for a way round")
+    if not faces:
+        return cycle.turn(error, replace(trace, optimal=None), f"{why}: turn to look where the route leads")
     return cycle.stop(reason, trace, why)
 
 
-def _leave_stop(
-    cycle: _Cycle, direction: RelativeAngle, error: RelativeAngle, deviation_m: float, trace: DecisionTrace
-) -> Guidance:
+def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:
+    """The rangefinder hears only what is in front: turn to where the route leads, or stop."""
+    if abs(error) > _look_threshold_rad(cycle):
+        return cycle.turn(error, replace(trace, optimal=None), f"{why}: turn to look where the route leads")
+    return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
+
+
+def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
     """One frame suffices to stop; leaving a stop takes several."""
     before = cycle.previous
     if before is not None and before.action is Action.STOP and before.reason in _OBSTACLE_REASONS:
@@ -192,9 +234,7 @@ def _leave_stop(
         if count < needed:
             waiting = replace(trace, free_frame_count=count)
             return cycle.stop(before.reason, waiting, f"free for {count} of {needed} frames since the stop")
-    corrects = needs_correction(deviation_m, error, cycle.settings.follower)
-    rule = "Eq. 4: nearest to the expected direction" if corrects else "Eq. 4: nearest to straight ahead"
-    return cycle.walk(direction, trace, rule)
+    return cycle.walk(direction, replace(trace, stopped_since_s=None, look_count=0), rule)
 
 
 def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
@@ -205,9 +245,28 @@ def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
 
 
 def _is_turning_to_expected(cycle: _Cycle) -> bool:
-    """Whether the frame before turned to where the route leads, not aside to a free direction."""
+    """Whether the frame before turned to where the route leads, not aside to a free direction or to look."""
     before = cycle.previous
-    return before is not None and before.action is Action.TURN and before.trace.optimal is None
+    return (
+        before is not None
+        and before.action is Action.TURN
+        and before.trace.optimal is None
+        and before.trace.look_target is None
+    )
+
+
+def _look_threshold_rad(cycle: _Cycle) -> float:
+    """A turn that has begun goes on past the angle that begins one, so that noise does not make it flicker."""
+    settled = math.radians(cycle.settings.follower.turn_settled_deg)
+    return settled / 2 if _is_turning_to_expected(cycle) else settled
+
+
+def _last_direction(cycle: _Cycle, heading: WorldAngle) -> RelativeAngle | None:
+    """The direction of the frame before, as seen from the present heading."""
+    before = cycle.previous
+    if before is None or before.direction is None or before.trace.heading is None:
+        return None
+    return relative_to(in_world(before.direction, before.trace.heading), heading)
 
 
 def _blocking_reason(cycle: _Cycle, towards: float, required_m: float) -> Reason:
@@ -234,8 +293,11 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
+    """Begin the trace with what is measured, and with what goes on from the frame before."""
     pose = localization.pose
-    before = cycle.previous.trace.uncertain_since_s if cycle.previous is not None else None
+    before = None if cycle.previous is None else cycle.previous.trace
+    uncertain_since_s = None if before is None else before.uncertain_since_s
+    stopped_since_s = None if before is None else before.stopped_since_s
     uncertain = localization.quality is LocalizationQuality.UNCERTAIN
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
@@ -243,5 +305,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
         sonar_state=cycle.sonar.state,
         sonar_m=echo_distance_m(cycle.sonar),
-        uncertain_since_s=(cycle.stamp_s if before is None else before) if uncertain else None,
+        stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,
+        look_count=0 if before is None else before.look_count,
+        uncertain_since_s=(cycle.stamp_s if uncertain_since_s is None else uncertain_since_s) if uncertain else None,
     )

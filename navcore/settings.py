@@ -68,6 +68,8 @@ class ObstacleSettings(_Group):
 
     clearance_m: float = _setting(2.0, 1.0, 4.0, step=0.1, source="Eq. 5, reference [13]", safety=True)
     """δ: a direction is walkable when it is free up to here (or a margin past a nearer sub-goal)."""
+    narrow_clearance_m: float = _setting(1.2, 0.8, 4.0, step=0.1, source="closed-loop trials", safety=True)
+    """Where no direction is free for δ, somebody who stands may begin to walk in one that is free for this."""
     stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="navigation.md", safety=True)
     """Anything nearer than this straight ahead stops the walker at once."""
     sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="navigation.md", safety=True)

@@ -282,6 +282,12 @@ class DecisionTrace:
     """Clearance that a direction needed: δ, or the sub-goal and a margin where that is nearer."""
     free_frame_count: int = 0
     """Frames in a row, since a stop, in which the way was free."""
+    stopped_since_s: float | None = None
+    """Since when the walker has not been walking."""
+    look_target: WorldAngle | None = None
+    """Where the walker turns to look for a way round what blocks the expected direction."""
+    look_count: int = 0
+    """Sides that have been looked at since the walker last walked."""
     uncertain_since_s: float | None = None
     """Since when the pose has been only "Uncertain"; None while it is better or worse."""
     rule: str = ""

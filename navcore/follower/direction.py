@@ -9,6 +9,9 @@ from navcore.angles import RelativeAngle, WorldAngle, relative_to, world_angle, 
 from navcore.settings import FollowerSettings, ObstacleSettings
 from navcore.types import CandidateDirection, Pose2D, SubGoal
 
+_ASIDE_RAD = math.radians(9.0)
+_SIDE_CHANGE_RAD = math.radians(20.0)
+
 
 def expected_direction(goal: SubGoal, pose: Pose2D) -> WorldAngle:
     """Return θ_exp, the direction in the world from the walker to the sub-goal, in [0, 2π) (Eq. 3, Fig. 6).
@@ -49,12 +52,15 @@ def optimal_direction(
     heading: WorldAngle,
     deviation_m: float,
     settings: FollowerSettings,
+    last: RelativeAngle | None = None,
 ) -> CandidateDirection | None:
     """Return θ_opt, or None where D is empty (Eq. 4).
 
     Where the walker needs correction, the candidate nearest to the expected direction; else the one nearest to
     straight ahead. As printed, the differences of angles are not wrapped: 350° against 10° reads as 340° off.
     Equal ones are told apart by the expected direction, so that the mirror image of a scene gives the mirror image.
+    ``last`` is the direction of the frame before, as seen from the present heading: somebody who was sent round an
+    obstacle on one side is not sent to the other one for a few degrees.
     """
     if not candidates:
         return None
@@ -63,6 +69,26 @@ def optimal_direction(
 
     def cost(candidate: CandidateDirection) -> tuple[float, float, float]:
         off_expected = abs(wrap_rad(error - candidate.angle))
-        return (off_expected if correct else abs(candidate.angle), off_expected, -candidate.clearance_m)
+        off = off_expected if correct else abs(candidate.angle)
+        if last is not None and _changes_side(candidate.angle, last):
+            off += _SIDE_CHANGE_RAD
+        return off, off_expected, -candidate.clearance_m
 
     return min(candidates, key=cost)
+
+
+def widest_direction(
+    candidates: tuple[CandidateDirection, ...], expected: WorldAngle, heading: WorldAngle
+) -> CandidateDirection | None:
+    """Return the direction that is free farthest, where none is free for δ; equal ones by the expected direction.
+
+    Going on towards what blocks the way, because that is straight ahead, would leave no room to go round it.
+    """
+    error = relative_to(expected, heading)
+    return min(
+        candidates, key=lambda each: (-round(each.clearance_m, 1), abs(wrap_rad(error - each.angle))), default=None
+    )
+
+
+def _changes_side(angle: RelativeAngle, last: RelativeAngle) -> bool:
+    return abs(last) > _ASIDE_RAD and angle * last < 0.0

@@ -1,0 +1,36 @@
+"""Looking for a way round: the camera sees a third of what is ahead, so a way may lie just beside the picture.
+
+Somebody who has stood for a while before what blocks the expected direction is turned to one side, then to the other,
+then back. Turning on the spot needs no free space.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from navcore.angles import RelativeAngle, WorldAngle, world_angle
+from navcore.types import ObstacleScan
+
+LOOK_RAD = math.radians(30.0)
+"""How far to the side is looked: what was the edge of the picture is its middle then."""
+LOOK_AFTER_S = 2.0
+"""Time to wait first: people who stand in the way mostly walk on."""
+SIDES = 2
+_SEES_M = 3.0
+
+
+def look_target(expected: WorldAngle, scan: ObstacleScan, last: WorldAngle | None, error: RelativeAngle) -> WorldAngle:
+    """Return the direction to look in: the more open side first, the other one after ``last``."""
+    if last is not None:
+        was_left = math.sin(last - expected) > 0.0
+        return world_angle(expected - LOOK_RAD if was_left else expected + LOOK_RAD)
+    return world_angle(expected + LOOK_RAD if is_left_more_open(scan, error) else expected - LOOK_RAD)
+
+
+def is_left_more_open(scan: ObstacleScan, error: RelativeAngle) -> bool:
+    """Return whether there is more free space left of the expected direction than right of it."""
+    open_m = np.nan_to_num(np.minimum(scan.nearest_m, _SEES_M), nan=0.0, posinf=_SEES_M)
+    left = scan.bearing_rad > error
+    return float(open_m[left].sum()) >= float(open_m[~left].sum())

@@ -165,7 +165,8 @@ class DeviceAgent:
         if self.watchdog.incidents != self._incidents_heard:
             self._incidents_heard = self.watchdog.incidents
             now_s = self._parts.clock.now_s()
-            self._voice.overruled(now_s)
+            if self.state.mode == "guiding":
+                self._voice.overruled(now_s)
             self.state = replace(self.state, failed_s=now_s)
 
     # ----------------------------------------------------------------------------------------------- effects

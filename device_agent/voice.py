@@ -10,7 +10,7 @@ from navcore.cues.bus import CueBus
 from navcore.cues.speech import CueMemory, cues_for, repeat_last, say
 from navcore.cues.table import Cue
 from navcore.settings import Settings
-from navcore.types import Action, Guidance, Reason
+from navcore.types import Action, Guidance, Reason, SonarState
 
 
 class Voice:
@@ -18,12 +18,15 @@ class Voice:
 
     def __init__(self, output: CueOutput) -> None:
         self._output = output
-        self._memory = CueMemory()
+        # Nobody walks at the start: "stop" is no news then.
+        self._memory = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
         self.last_spoken: Cue | None = None
         """The last cue with words."""
 
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""
+        if not state.leading:
+            guidance = self._resting(state, guidance)
         cues, self._memory = cues_for(guidance, self._memory, state.route, state.settings, now_s)
         return self._played(cues, now_s)
 
@@ -43,6 +46,13 @@ class Voice:
         self._memory = replace(
             self._memory, bus=bus, told_action=Action.STOP, told_reason=Reason.SENSOR_STALE, told_s=now_s
         )
+
+    def _resting(self, state: DeviceState, guidance: Guidance) -> Guidance:
+        """Whoever is not led hears that once, and nothing of the sensors' troubles afterwards."""
+        sonar_state = SonarState.ABSENT if self._memory.sonar_lost else SonarState.OK
+        trace = replace(guidance.trace, sonar_state=sonar_state, uncertain_since_s=None)
+        reason = Reason.ARRIVED if state.mode == "arrived" else Reason.NO_ROUTE
+        return replace(guidance, action=Action.STOP, direction=None, reason=reason, trace=trace)
 
     def _played(self, cues: tuple[Cue, ...], now_s: float) -> tuple[Cue, ...]:
         # One that waited, or is said again, keeps the stamp of its origin; outputs need the time at which it is heard.

@@ -163,6 +163,25 @@ def test_whoever_has_arrived_is_not_led_on_after_losing_the_pose(rig: Rig) -> No
     assert {cycle.guidance.action for cycle in rig.cycles(20)} == {Action.STOP}
 
 
+def test_whoever_is_not_led_hears_that_once_and_nothing_of_the_sensors(rig: Rig) -> None:
+    rig.cycles(10)
+    assert rig.output.cues == []
+    rig.pose = pose_at(19.5)
+    rig.lead_to()
+    rig.cycles(10)
+    heard = len(rig.output.cues)
+    assert rig.heard.count(CueKind.ARRIVED) == 1
+    good = rig.spoil
+    for _ in range(3):
+        rig.spoil = lambda frame: SensorError("The camera delivers no pictures: check its cable.")
+        rig.cycles(3)
+        rig.clock.sleep_until(rig.clock.now_s() + 1.0)
+        rig.cycles(3)
+        rig.spoil = good
+        rig.cycles(10)
+    assert rig.output.cues[heard:] == []
+
+
 def test_an_unreachable_or_unknown_place_is_refused_in_words(rig: Rig) -> None:
     for poi_id, word in (("attic", "Attic"), ("cellar", "cellar")):
         rig.lead_to(poi_id)

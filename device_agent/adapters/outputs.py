@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from typing import TextIO
 
 from device_agent.ports import CueOutput
 from navcore.cues.table import Cue, CueKind
 
+_FIRST_LIVE_STAMP_S = 1e9
 _TONES = (CueKind.STEER, CueKind.TICK, CueKind.OBSTACLE_BEEP)
 
 
@@ -16,7 +18,14 @@ def cue_line(cue: Cue) -> str:
     """Return a cue as a line of text: time, kind, what is spoken, and the figures behind a tone."""
     figures = [] if cue.angle_deg is None else [f"{cue.angle_deg:+.0f}°"]
     figures += [] if cue.distance_m is None else [f"{cue.distance_m:.1f} m"]
-    return " ".join([f"{cue.stamp_s:9.2f}  {cue.kind.value:13}", *filter(None, [cue.text, *figures])])
+    return " ".join([f"{_time_text(cue.stamp_s)}  {cue.kind.value:13}", *filter(None, [cue.text, *figures])])
+
+
+def _time_text(stamp_s: float) -> str:
+    """Time of day of a live stamp, seconds of a simulated one."""
+    if stamp_s < _FIRST_LIVE_STAMP_S:
+        return f"{stamp_s:8.2f}"
+    return datetime.fromtimestamp(stamp_s, UTC).astimezone().strftime("%H:%M:%S")
 
 
 class TextOutput:

@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from device_agent.adapters.clocks import SteppedClock
-from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeSonar, FakeUplink
+from device_agent.adapters.clocks import FakeClock, SteppedClock
+from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeSonar, FakeUplink, NoSonar
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
 from device_agent.state import DeviceState
-from navcore.cues.table import CueKind
+from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
@@ -395,3 +395,62 @@ def test_orders_come_from_any_thread(rig: Rig) -> None:
         thread.join()
     rig.cycles(1)
     assert len([text for text in rig.events("cue") if text.startswith("Message: message")]) == 8
+
+
+class AdvancingCamera:
+    """A camera whose every frame is a tenth of a second of the clock."""
+
+    intrinsics = INTRINSICS
+
+    def __init__(self, clock: FakeClock) -> None:
+        self._clock = clock
+        self._depth_m = empty_hall(pose_at(0.5))
+
+    def read(self) -> Frame:
+        self._clock.advance(0.1)
+        colour = np.zeros((INTRINSICS.height_px, INTRINSICS.width_px, 3), np.uint8)
+        return Frame(self._clock.now_s(), colour, self._depth_m)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+def test_a_loop_that_hangs_is_overruled_by_the_watchdogs_thread_and_goes_on_afterwards() -> None:
+    clock, uplink = FakeClock(100.0), FakeUplink()
+    hangs, release, stop_heard, walks = (threading.Event() for _ in range(4))
+    located = 0
+
+    def locate(frame: Frame) -> Localization:
+        nonlocal located
+        located += 1
+        if located == 20:
+            hangs.set()
+            assert release.wait(20.0)
+        return Localization(frame.stamp_s, LocalizationQuality.LOCALIZED, pose_at(0.5), np.eye(6) * 1e-4, 200)
+
+    def heard(cue: Cue) -> None:
+        if cue.kind is CueKind.STOP and hangs.is_set():
+            stop_heard.set()
+        if cue.kind is CueKind.WALK and release.is_set():
+            walks.set()
+
+    localizer = FakeLocalizer(locate)
+    parts = DeviceParts(
+        clock, AdvancingCamera(clock), NoSonar(clock), FakeOutput(heard), uplink, lambda *_: localizer
+    )  # fmt: skip
+    agent = DeviceAgent(parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), localizer)
+    agent.submit(SetDestination("bar"))
+    stopped = threading.Event()
+    loop = threading.Thread(target=agent.run, args=(stopped,), daemon=True)
+    loop.start()
+    assert hangs.wait(20.0)
+    for _ in range(12):
+        clock.wait_for_sleepers(1)
+        clock.advance(0.051)
+    assert stop_heard.wait(20.0)
+    release.set()
+    assert walks.wait(20.0)
+    stopped.set()
+    loop.join(20.0)
+    clock.advance(1.0)
+    assert any("No guidance" in text for _, kind, text in uplink.events if kind == "watchdog")

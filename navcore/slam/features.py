@@ -94,7 +94,8 @@ class FeatureExtractor:
                 continue
             smooth = cv2.GaussianBlur(image, (7, 7), 2.0, sigmaY=2.0, borderType=cv2.BORDER_REFLECT_101)
             angle, descriptor = describe(image, smooth, corners, self._pattern, self._half_widths)
-            scale = grey.shape[1] / image.shape[1]
+            # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
+            scale = np.array([grey.shape[1] / image.shape[1], grey.shape[0] / image.shape[0]])
             positions.append((corners[:, :2] + 0.5) * scale - 0.5)
             octaves.append(np.full(len(corners), level, np.int32))
             angles.append(angle)

@@ -22,9 +22,9 @@ from navcore.types import Frame
 Progress = Callable[[float, str], None]
 """Called with the share that is done (0–1) and what is being done."""
 
-BF_PX_M = 40.0
-"""Focal length times virtual baseline. A depth z then counts as measured to z²/40 m at the finest pyramid level, ten times
-less well than a structured-light sensor does: at edges it errs by far more than its noise."""
+BF_PX_M = 100.0
+"""Focal length times virtual baseline. A depth z counts as measured to z²/100 m at the finest pyramid level, several times
+less well than a structured-light sensor does on a wall: at edges it errs by far more than its noise."""
 MIN_FRAMES = 10
 """A shorter recording makes no map."""
 LEVELLING_VIEWS = 100

@@ -10,11 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import mapping
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import Features, IntArray, SlamCamera
-from navcore.errors import MappingError
 from navcore.slam.lie import inverse_se3
 from navcore.slam.loop_closing import LoopCloser
 from navcore.slam.map import MapBuilder
@@ -25,7 +25,6 @@ from navcore.slam.tracking import (
     extend_by_map,
     local_keyframes,
     local_landmarks,
-    moved,
     predict_pose,
     track_last_frame,
 )
@@ -39,8 +38,8 @@ MIN_TRACKED = 25
 """Landmarks that must agree for a frame to count as tracked."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
-KEYFRAME_RATIO = 0.75
-"""A key frame is due when fewer than this share of the reference's landmarks are tracked."""
+KEYFRAME_RATIO = 0.6
+"""A key frame is due when fewer landmarks are tracked than this share of the most since the last one."""
 MAX_KEYFRAME_INTERVAL_S = 3.0
 """A key frame is due after this time, where the camera moved."""
 

@@ -87,7 +87,7 @@ def _left_jacobian_so3(phi: FloatArray) -> FloatArray:
         angle = math.sqrt(angle2)
         a, b = (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)
     s = skew(phi)
-    return np.eye(3) + a * s + b * (s @ s)
+    return np.asarray(np.eye(3) + a * s + b * (s @ s))
 
 
 @kernel
@@ -99,7 +99,7 @@ def _left_jacobian_inverse_so3(phi: FloatArray) -> FloatArray:
         angle = math.sqrt(angle2)
         b = 1.0 / angle2 - (1.0 + math.cos(angle)) / (2.0 * angle * math.sin(angle))
     s = skew(phi)
-    return np.eye(3) - 0.5 * s + b * (s @ s)
+    return np.asarray(np.eye(3) - 0.5 * s + b * (s @ s))
 
 
 @kernel
@@ -158,3 +158,10 @@ def update_pose(pose: FloatArray, xi: FloatArray, out: FloatArray) -> None:
     out[3, 1] = 0.0
     out[3, 2] = 0.0
     out[3, 3] = 1.0
+
+
+def warm_up() -> None:
+    """Compile this module's kernels."""
+    pose = exp_se3(np.full(6, 0.1))
+    update_pose(pose, log_se3(inverse_se3(pose)), np.eye(4))
+    adjoint_se3(pose)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from navcore.geometry import FloatArray
-from navcore.slam import loop_correction, loop_verification, mapping, place_recognition
+from navcore.slam import loop_correction, mapping
 from navcore.slam.keyframes import IntArray
 from navcore.slam.loop_verification import VerifiedLoop, verify
 from navcore.slam.map import MapBuilder
@@ -221,10 +221,3 @@ def difference(camera_from_world_a: FloatArray, camera_from_world_b: FloatArray)
     centre_b = -camera_from_world_b[:3, :3].T @ camera_from_world_b[:3, 3]
     cosine = 0.5 * (np.trace(camera_from_world_a[:3, :3] @ camera_from_world_b[:3, :3].T) - 1.0)
     return float(np.linalg.norm(centre_a - centre_b)), float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-
-
-def warm_up() -> None:
-    """Compile the kernels that loop closing alone uses."""
-    place_recognition.warm_up()
-    loop_correction.warm_up()
-    loop_verification.warm_up()

@@ -27,6 +27,12 @@ _PROJECT = """
   const viewer = window.__viserMutable;
   const node = viewer && viewer.nodeRefFromName && viewer.nodeRefFromName[name];
   if (!node || !viewer.camera || !viewer.canvas) return null;
+  // A pose that was told is applied when the next frame is drawn: until then the node stands somewhere else.
+  const parts = name.split('/').slice(1);
+  for (let count = 0; count <= parts.length; count++) {
+    const pose = viewer.nodePoseData[count ? '/' + parts.slice(0, count).join('/') : ''];
+    if (pose && pose.poseUpdateState !== 'updated') return null;
+  }
   node.updateWorldMatrix(true, false);
   viewer.camera.updateMatrixWorld();
   const place = node.getWorldPosition(node.position.clone()).project(viewer.camera);

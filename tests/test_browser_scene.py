@@ -29,7 +29,7 @@ def console(tmp_path: Path) -> Iterator[ConsoleServer]:
     save_site(crossing_corridors(2500), tmp_path / "site")
     server = ConsoleServer(ConsoleConfig(tmp_path / "site", tmp_path / "data", port=0))
     for name, kind, x_m, y_m in (
-        ("Hall", "hall", 3.0, 0.0), ("Junction", "junction", 10.0, 0.0), ("Bar", "bar", 16.0, 0.0),
+        ("Hall", "hall", 3.0, 0.0), ("Junction", "junction", 10.0, 0.0), ("Bar", "bar", 10.0, -6.0),
     ):  # fmt: skip
         server.services.model.apply(AddPoi(name, kind, x_m, y_m), "setup")  # type: ignore[arg-type]
     server.services.model.apply(AddEdge("hall", "junction"), "setup")
@@ -42,7 +42,7 @@ def console(tmp_path: Path) -> Iterator[ConsoleServer]:
 
 @pytest.fixture
 def page(browser: Browser, console: ConsoleServer) -> Iterator[Page]:
-    context = browser.new_context(viewport={"width": 900, "height": 560})
+    context = browser.new_context(viewport={"width": 1000, "height": 600})
     page = context.new_page()
     assert console.ready.first_link is not None
     become_admin(page, console.ready.first_link)

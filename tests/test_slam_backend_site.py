@@ -127,7 +127,7 @@ def test_the_sway_of_the_gait_is_taken_out() -> None:
     stamps, positions = gait(np.array([[0.0, 0.0], [12.0, 0.0]]))
     (walked,) = road.build_roads(stamps, positions)
     assert np.abs(positions[:, 1]).max() > 0.025
-    assert np.abs(walked[5:-5, 1]).max() < 0.01
+    assert np.abs(walked[5:-5, 1]).max() < 0.015
     assert road.arc_length(walked)[-1] == pytest.approx(12.0, abs=0.05)
 
 
@@ -143,7 +143,7 @@ def test_points_are_evenly_spaced_on_the_floor() -> None:
 def test_a_corner_is_cut_by_less_than_a_foot() -> None:
     stamps, positions = gait(np.array([[0.0, 0.0], [6.0, 0.0], [6.0, 4.0]]))
     (walked,) = road.build_roads(stamps, positions)
-    assert np.linalg.norm(walked[:, :2] - [6.0, 0.0], axis=1).min() < 0.3
+    assert np.linalg.norm(walked[:, :2] - [6.0, 0.0], axis=1).min() < 0.2
 
 
 def test_standing_and_turning_on_the_spot_leave_no_knot() -> None:
@@ -225,6 +225,20 @@ def test_somebody_seen_once_from_afar_is_left_out() -> None:
     along = (with_person.points_m - eye) @ pose[:3, 2]
     aside = np.linalg.norm(with_person.points_m - eye - along[:, None] * pose[:3, 2], axis=1)
     assert not np.any((np.abs(along - 2.0) < 0.05) & (aside < 0.15))
+
+
+def test_somebody_who_stood_there_for_a_while_is_seen_through_later() -> None:
+    """Two key frames see the same person; from all the others the wall behind shows."""
+    poses = [looking_around(0.1)[0]] * 8
+    views = room_views(poses)
+    for k in (2, 3):
+        views[k][1][20:90, 60:100] = 1.8
+    cloud = dense_cloud.fuse(views, CAMERA)
+    eye, forward = poses[0][:3, 3], poses[0][:3, 2]
+    along = (cloud.points_m - eye) @ forward
+    aside = np.linalg.norm(cloud.points_m - eye - along[:, None] * forward, axis=1)
+    assert not np.any((np.abs(along - 1.8) < 0.05) & (aside < 0.2))
+    assert len(cloud) > 0.9 * len(dense_cloud.fuse(room_views(poses), CAMERA))
 
 
 def test_the_number_of_points_is_bounded_and_the_cloud_repeatable() -> None:

@@ -1,7 +1,8 @@
 """The dense coloured point cloud for people to look at: key frames' depth, fused into voxels.
 
 A voxel holds the mean of what fell into it, near measurements counting more (a depth camera's noise grows with the
-square of the distance). What only one key frame saw from afar is noise, or somebody walking through.
+square of the distance). What only one key frame saw from afar is noise, and what others look through is noise or
+somebody who walked by.
 """
 
 from __future__ import annotations
@@ -32,6 +33,8 @@ MIN_WEIGHT = 0.15
 """Sum of weights 1/z² below which a voxel is noise."""
 IMAGE_COLUMNS = 160
 """Pixels of a row that are used."""
+MAX_THROUGH_SHARE = 0.6
+"""A voxel that more key frames look through than this share of those that saw it is not there (any more)."""
 _COLUMNS = 9
 _MAX_LOAD = 0.5
 
@@ -83,6 +86,8 @@ class VoxelFusion:
         self._sums = np.zeros((1 << 16, _COLUMNS))
         self._count = 0
         self._views = 0
+        self._poses: list[FloatArray] = []
+        self._depths_mm: list[NDArray[np.uint16]] = []
 
     def add(self, colour_rgb: ImageRgb, depth_m: DepthImage, level_from_camera: FloatArray) -> None:
         """Add a view; the colour image may be distorted as the intrinsics say, the depth image is not."""
@@ -107,6 +112,8 @@ class VoxelFusion:
             self._count,
         )
         self._views += 1
+        self._poses.append(np.array(level_from_camera, dtype=np.float64))
+        self._depths_mm.append(_nearest_mm(np.ascontiguousarray(depth_m, dtype=np.float32), stride))
 
     def cloud(self, max_points: int = MAX_POINTS, ceiling_m: float = CEILING_M) -> DenseCloud:
         """Return what has been collected so far."""
@@ -115,6 +122,7 @@ class VoxelFusion:
         sums = self._sums[used]
         sure = (sums[:, 7] >= 2.0) | (sums[:, 8] < SURE_DEPTH_M) if self._views > 1 else np.ones(len(sums), np.bool_)
         sums = sums[sure & (sums[:, 0] >= MIN_WEIGHT)]
+        sums = sums[self._is_there(sums)]
         voxel_m = self._voxel_m
         while len(sums) > max_points:
             voxel_m *= 1.25
@@ -123,6 +131,19 @@ class VoxelFusion:
         points = (sums[:, 1:4] / weight).astype(np.float32)
         colours = np.clip(np.round(sums[:, 4:7] / weight), 0, 255).astype(np.uint8)
         return DenseCloud(points, colours, points[:, 2] > ceiling_m)
+
+    def _is_there(self, sums: FloatArray) -> BoolArray:
+        """Return which voxels the key frames do not look through."""
+        if not self._views:
+            return np.zeros(0, np.bool_)
+        camera = self._intrinsics
+        stride = max(camera.width_px // IMAGE_COLUMNS, 1)
+        points = np.ascontiguousarray(sums[:, 1:4] / np.maximum(sums[:, 0:1], 1e-12))
+        through = np.zeros(len(points), np.int32)
+        thin = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]) / stride
+        for pose, depth_mm in zip(self._poses, self._depths_mm, strict=True):
+            _count_through(points, pose, depth_mm, thin, through)
+        return np.asarray((through < 2) | (through <= MAX_THROUGH_SHARE * sums[:, 7]))
 
 
 def _coarser(sums: FloatArray, voxel_m: float) -> FloatArray:
@@ -215,6 +236,49 @@ def _insert_view(
                 sums[slot, 7] += 1.0
             sums[slot, 8] = min(sums[slot, 8], z)
     return count
+
+
+@kernel
+def _nearest_mm(depth: NDArray[np.float32], stride: int) -> NDArray[np.uint16]:
+    """Return the nearest depth, in millimetres, of each block of pixels; 0 where any of the block has none."""
+    rows, columns = depth.shape[0] // stride, depth.shape[1] // stride
+    out = np.zeros((rows, columns), np.uint16)
+    for row in range(rows):
+        for column in range(columns):
+            nearest = 60.0
+            for r in range(row * stride, (row + 1) * stride):
+                for c in range(column * stride, (column + 1) * stride):
+                    z = depth[r, c]
+                    nearest = z if z < nearest else (0.0 if not z > 0.0 else nearest)
+            out[row, column] = np.uint16(nearest * 1000.0)
+    return out
+
+
+@kernel
+def _count_through(
+    points: FloatArray, pose: FloatArray, depth_mm: NDArray[np.uint16], camera: FloatArray, through: NDArray[np.int32]
+) -> None:
+    """Count for each point (n, 3) whether a view sees something well behind it, all around it."""
+    rows, columns = depth_mm.shape
+    for i in range(len(points)):
+        dx = points[i, 0] - pose[0, 3]
+        dy = points[i, 1] - pose[1, 3]
+        dz = points[i, 2] - pose[2, 3]
+        z = pose[0, 2] * dx + pose[1, 2] * dy + pose[2, 2] * dz
+        if z < 0.3 or z > MAX_DEPTH_M:
+            continue
+        u = camera[0] * (pose[0, 0] * dx + pose[1, 0] * dy + pose[2, 0] * dz) / z + camera[2]
+        v = camera[1] * (pose[0, 1] * dx + pose[1, 1] * dy + pose[2, 1] * dz) / z + camera[3]
+        if u < 2.0 or v < 2.0 or u >= columns - 2.0 or v >= rows - 2.0:
+            continue
+        limit = 1000.0 * (z + 0.10 + 0.05 * z)
+        behind = True
+        for r in range(int(v) - 2, int(v) + 3):
+            for c in range(int(u) - 2, int(u) + 3):
+                if depth_mm[r, c] < limit:
+                    behind = False
+        if behind:
+            through[i] += 1
 
 
 def warm_up() -> None:

@@ -14,8 +14,8 @@ from navcore.geometry import FloatArray
 
 SPACING_M = 0.1
 """Distance between points of the road."""
-SWAY_M = 0.5
-"""Standard deviation of the low-pass along the road: of a gait cycle's sway, 1.4 m long, a sixth remains."""
+SWAY_M = 0.4
+"""Standard deviation of the low-pass along the road: of a gait cycle's sway, 1.4 m long, a third remains."""
 STEP_M = 0.2
 """Movement below this is standing, or turning on the spot."""
 REVERSAL_RAD = np.radians(120.0)

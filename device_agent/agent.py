@@ -59,6 +59,8 @@ class DeviceParts:
     store: DeviceStore | None = None
     """Where settings, graph and map are kept; None keeps nothing."""
     device_id: str = "glasses"
+    apply_settings: Callable[[Settings], None] = lambda settings: None
+    """Hears of every change of the settings, besides the loop."""
 
 
 class DeviceAgent:
@@ -189,6 +191,7 @@ class DeviceAgent:
                 self._keep(lambda store: store.save_graph(effect.graph))
             case StoreSettings():
                 self._localizer.apply(effect.settings)
+                self._parts.apply_settings(effect.settings)
                 self._keep(lambda store: store.save_settings(effect.settings, effect.revision))
             case _:
                 self._parts.uplink.message(effect)

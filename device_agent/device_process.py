@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import logging
+import contextlib
 import threading
 from contextlib import ExitStack
 
@@ -17,16 +17,16 @@ from device_agent.link_settings import LinkSettings
 from device_agent.localization import make_localizer
 from device_agent.map_download import staging_folder
 from device_agent.places import find_place
-from device_agent.ports import Clock, Uplink
-from device_agent.sensors import open_hardware
+from device_agent.ports import Clock, LocalizerPort, Uplink
+from device_agent.sensors import Hardware, open_hardware
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
-from navcore.errors import VbrError
+from navcore.errors import SensorError, VbrError
+from navcore.obstacle.scan import scan
+from navcore.settings import Settings
 from navcore.site import load_site, map_checksum
 from navcore.wire import SetDestination
-
-_log = logging.getLogger(__name__)
 
 
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
@@ -47,8 +47,10 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
         )  # fmt: skip
         parts = DeviceParts(
-            clock, hardware.camera, hardware.sonar, hardware.output, uplink, make_localizer, store, options.device_id
-        )
+            clock, hardware.camera, hardware.sonar, hardware.output, uplink, make_localizer, store, options.device_id,
+            hardware.apply,
+        )  # fmt: skip
+        _rehearse(hardware, localizer, settings)
         agent = DeviceAgent(parts, state, localizer)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
@@ -58,6 +60,14 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         ends_itself = goal is not None and options.console_url is None
         agent.run(stopped, until_over=ends_itself)
         return 0 if not ends_itself or agent.state.mode == "arrived" or stopped.is_set() else 1
+
+
+def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> None:
+    """Work on one picture before anybody is led: the first one takes longer than the watchdog allows."""
+    with contextlib.suppress(SensorError):
+        frame = hardware.camera.read()
+        located = localizer.locate(frame)
+        scan(frame.depth_m, hardware.camera.intrinsics, located.world_from_camera, settings.obstacle)
 
 
 def _uplink(options: DeviceOptions, clock: Clock, stack: ExitStack) -> Uplink:

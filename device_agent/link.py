@@ -290,7 +290,7 @@ class ConsoleLink:
         try:
             await fetch_map(offer, settings.url, settings.token, settings.staging, settings.tls)
             await asyncio.to_thread(self._device.map_arrived, settings.staging, offer.map_checksum)
-        except VbrError as error:
+        except (VbrError, OSError) as error:
             _log.warning("the offered map is not taken: %s", error)
             self.message(MapRunning(self._device.hello().map_checksum, str(error)[:500]))
 

@@ -20,9 +20,13 @@ from navcore.settings import Settings
 class Hardware:
     """What the agent senses with, and speaks through."""
 
-    camera: DepthCamera
+    camera: NewestFrameCamera
     sonar: Sonar
     output: CueOutput
+
+    def apply(self, settings: Settings) -> None:
+        """Run other settings from now on."""
+        self.camera.timeout_s = settings.watchdog.camera_timeout_s
 
 
 def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stack: ExitStack) -> Hardware:

@@ -12,6 +12,7 @@ import pytest
 from device_agent.cli import add_module, main
 from navcore.errors import MissingPackageError, SiteError
 from navcore.settings import setting_specs
+from navcore.site import Site, save_site
 
 
 def vbr(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str, str]:
@@ -53,6 +54,8 @@ def test_settings_are_listed_whole(capsys: pytest.CaptureFixture[str]) -> None:
         (["device", "--site", "{gone}", "--simulated", "--console", "ws://console.example"], "use wss://"),
         (["device", "--site", "{gone}", "--simulated", "--console", "ws://127.0.0.1:9"], "--token-file"),
         (["device", "--site", "{gone}"], "--simulated"),
+        (["device", "--site", "{gone}", "--simulated", "--device-id", "../x"], "letters, digits"),
+        (["device", "--site", "{gone}", "--simulated", "--console", "ws://[::1]:9", "--token-file", "{full}"], "token"),
         (["sim", "record", "{full}"], "is not empty"),
     ],
 )
@@ -67,6 +70,14 @@ def test_a_refusal_is_one_sentence_and_exit_code_2(
     assert sentence in err
     assert err.startswith("vbr: ")
     assert len(err.strip().splitlines()) == 1
+
+
+def test_a_place_that_is_not_there_is_refused_with_those_that_are(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, small_site: Site
+) -> None:
+    save_site(small_site, tmp_path / "site")
+    code, _, err = vbr(capsys, "device", "--site", str(tmp_path / "site"), "--simulated", "--to", "Barr")
+    assert (code, err) == (2, "vbr: There is no place 'Barr' in this site: choose Bar.\n")
 
 
 def test_debug_shows_the_traceback(tmp_path: Path) -> None:

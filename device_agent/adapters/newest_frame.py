@@ -20,7 +20,8 @@ class NewestFrameCamera:
     def __init__(self, camera: DepthCamera, clock: Clock, timeout_s: float) -> None:
         self._camera = camera
         self._clock = clock
-        self._timeout_s = timeout_s
+        self.timeout_s = timeout_s
+        """Longest time without a picture; may be changed at any time."""
         self._arrived = threading.Condition()
         self._newest: Frame | None = None
         self._error: SensorError | None = None
@@ -36,7 +37,7 @@ class NewestFrameCamera:
     def read(self) -> Frame:
         """Return the newest frame that was not given yet. Raises SensorError when none comes, or it is old."""
         with self._arrived:
-            self._arrived.wait_for(lambda: self._newest or self._error or self._closed.is_set(), self._timeout_s)
+            self._arrived.wait_for(lambda: self._newest or self._error or self._closed.is_set(), self.timeout_s)
             frame, self._newest = self._newest, None
             error, self._error = self._error, None
         if error is not None and frame is None:
@@ -44,7 +45,7 @@ class NewestFrameCamera:
         if frame is None:
             raise SensorError("The camera delivers no pictures: check its cable.")
         age_s = self._clock.now_s() - frame.stamp_s
-        if age_s > self._timeout_s:
+        if age_s > self.timeout_s:
             raise SensorError(f"The camera's pictures are {age_s:.1f} s old: the device is overloaded.")
         return frame
 
@@ -54,7 +55,7 @@ class NewestFrameCamera:
         with self._arrived:
             self._arrived.notify_all()
         self._camera.close()
-        self._thread.join(timeout=2 * self._timeout_s)
+        self._thread.join(timeout=2 * self.timeout_s)
 
     def _fetch(self) -> None:
         while not self._closed.is_set():

@@ -19,6 +19,8 @@ _SURFACE_CELL_M = 0.25
 FOV_RAD = math.radians(50.0)
 """Vertical field of view of the scene's camera."""
 _OBLIQUE_RAD = math.radians(60.0)
+_PANEL_SHARE = 0.06
+_FILLED_SHARE = 0.96
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -121,20 +123,36 @@ def floor_bounds(points_m: NDArray[np.float32], roads_m: Sequence[FloatArray]) -
 
 
 def overview(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
-    """Return an oblique view from the south that holds the whole floor, for a window of this width to height."""
-    x_m, y_m = bounds.centre_m
-    across_m = max(bounds.width_m / aspect, bounds.depth_m * math.sin(_OBLIQUE_RAD))
-    distance_m = 0.5 * across_m / math.tan(FOV_RAD / 2) + 0.35 * bounds.depth_m + 1.0
-    back_m, up_m = distance_m * math.cos(_OBLIQUE_RAD), distance_m * math.sin(_OBLIQUE_RAD)
-    # A little to the left, since the panel covers the right of the window.
-    x_m += 0.06 * bounds.width_m
-    return CameraView((x_m, y_m - back_m, up_m), (x_m, y_m - 0.03 * bounds.depth_m, 0.0))
+    """Return an oblique view that holds the whole floor, its longer side across a window of this width to height."""
+    return _view_from(bounds, aspect, _OBLIQUE_RAD)
 
 
 def plan_view(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
-    """Return the view straight down onto the whole floor, north up."""
-    x_m, y_m = bounds.centre_m
-    across_m = max(bounds.width_m / aspect, bounds.depth_m)
-    up_m = 0.55 * across_m / math.tan(FOV_RAD / 2) + 1.0
-    # A camera exactly above has no "up": a hair to the south keeps north at the top.
-    return CameraView((x_m, y_m - 0.01 * up_m, up_m), (x_m, y_m, 0.0))
+    """Return the view straight down onto the whole floor, its longer side across the window."""
+    # A camera exactly above has no "up" in the window: a hair to the side gives it one.
+    return _view_from(bounds, aspect, math.radians(89.4))
+
+
+def _view_from(bounds: FloorBounds, aspect: float, elevation_rad: float) -> CameraView:
+    is_wide = bounds.width_m >= bounds.depth_m
+    side = np.array([0.0, -1.0, 0.0]) if is_wide else np.array([1.0, 0.0, 0.0])
+    right = np.array([1.0, 0.0, 0.0]) if is_wide else np.array([0.0, 1.0, 0.0])
+    towards = side * math.cos(elevation_rad) + np.array([0.0, 0.0, math.sin(elevation_rad)])
+    # A little to the left, since the panel covers the right of the window.
+    target = np.array([*bounds.centre_m, 0.0]) + _PANEL_SHARE * max(bounds.width_m, bounds.depth_m) * right
+    place = target + _fitting_distance_m(bounds, target, towards, right, aspect) * towards
+    return CameraView(tuple(place.tolist()), tuple(target.tolist()))
+
+
+def _fitting_distance_m(
+    bounds: FloorBounds, target: FloatArray, towards: FloatArray, right: FloatArray, aspect: float
+) -> float:
+    """Return how far from the target, in the direction ``towards``, a camera sees every corner of the floor."""
+    corners = np.array(
+        [[x, y, z] for x in (bounds.x_min_m, bounds.x_max_m) for y in (bounds.y_min_m, bounds.y_max_m) for z in (0, 2)]
+    )
+    offsets = corners - target
+    half_height = _FILLED_SHARE * math.tan(FOV_RAD / 2)
+    across = np.abs(offsets @ right) / (half_height * aspect)
+    upright = np.abs(offsets @ np.cross(towards, right)) / half_height
+    return float((offsets @ towards + np.maximum(across, upright)).max())

@@ -41,6 +41,8 @@ from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, Sett
 
 MAX_WAITING_ORDERS = 256
 _PAUSE_WITHOUT_CAMERA_S = 0.05
+_STANDING_TIMEOUT_S = 3.0
+"""A loop that has said *Stop* may take this long for its next cycle: looking for a lost pose is slow."""
 _log = logging.getLogger(__name__)
 
 LocalizerFactory = Callable[[Site, CameraIntrinsics, Settings], LocalizerPort]
@@ -145,11 +147,11 @@ class DeviceAgent:
         return cycle
 
     def _heartbeat(self, cycle: Cycle) -> Heartbeat:
-        # A stop is right however old its picture is, as long as the loop lives.
-        stopped = cycle.guidance.action is Action.STOP
-        stamp_s = self._parts.clock.now_s() if stopped else cycle.stamp_s
-        timeout_s = self.state.settings.watchdog.guidance_timeout_s
-        return Heartbeat(stamp_s, self.state.mode == "guiding", timeout_s)
+        """A stop is right however old its picture is, and has been heard; only a loop that is gone is told of then."""
+        leading = self.state.mode == "guiding"
+        if cycle.guidance.action is Action.STOP:
+            return Heartbeat(self._parts.clock.now_s(), leading, _STANDING_TIMEOUT_S)
+        return Heartbeat(cycle.stamp_s, leading, self.state.settings.watchdog.guidance_timeout_s)
 
     def _take_orders(self) -> None:
         while True:

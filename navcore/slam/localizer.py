@@ -15,7 +15,7 @@ import numpy as np
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.features import FeatureExtractor, feature_count_for
-from navcore.slam.keyframes import Features, IntArray, SlamCamera
+from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3, log_so3
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.relocalization import depth_support, relocalize
@@ -43,6 +43,12 @@ MIN_FOUND_SHARE = 0.1
 """Share of the landmarks in view that must be found."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
+MAX_UNMATCHED_S = 0.15
+"""After so long without the map, a pose is only Uncertain."""
+SEARCH_INTERVAL_S = 0.5
+"""While odometry carries the pose, the whole map is searched this often."""
+GUESS_RADIUS_FACTOR = 3.0
+"""Search radius around landmarks where only the motion model says where the camera is, times the usual one."""
 JUMP_M = 0.3
 """A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
 VARIANCE_SCALE = 4.0
@@ -98,38 +104,48 @@ class Localizer:
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
         features = self._extractor.extract(frame)
-        state = None if self._state is None else self._follow(self._state, frame, features)
-        if state is None:
-            state = self._find(frame, features)
-        elif state.matched_s < frame.stamp_s and self._is_due_for_search(state, frame):
-            state = self._find(frame, features) or state
-        self._state = state
-        return _as_localization(state, frame.stamp_s, self._quality(state, frame.stamp_s))
+        state = self._follow(self._state, frame, features) if self._state is not None else None
+        self._state = state or self._find(frame, features)
+        return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
 
     # ------------------------------------------------------------------------------------------- following
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
         guess = predict_pose(state.last, state.before_last, frame.stamp_s)
         moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
-        if moved is None:
-            return None
-        matched = self._match_map(state, moved.track, frame)
-        if matched is not None:
-            return self._with_map(state, moved, matched, frame)
-        if frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
-            return None
-        covariance = _drifted(state, moved.track)
-        return LocalizerState(moved.track, state.last, covariance, state.matched_s, state.confirmations)
+        unseen = np.full(len(features), NO_LANDMARK, np.int32)
+        predicted = Track(frame.stamp_s, features, guess, unseen, np.zeros((6, 6)))
+        # Somebody who walks along can lead odometry astray; the map, looked for where the camera should be, cannot.
+        for track, radius_factor in ((moved and moved.track, 1.0), (predicted, GUESS_RADIUS_FACTOR)):
+            if track is None:
+                continue
+            matched = self._match_map(state, track, frame, radius_factor)
+            if matched is not None:
+                return self._with_map(state, track, matched, frame)
+        return self._without_map(state, moved, frame, features)
 
-    def _match_map(self, state: LocalizerState, track: Track, frame: Frame) -> FrameMatch | None:
-        if track.inlier_count >= 10:
-            keyframes = local_keyframes(self._map, track.landmarks)
+    def _without_map(
+        self, state: LocalizerState, moved: FrameMatch | None, frame: Frame, features: Features
+    ) -> LocalizerState | None:
+        found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
+        if found is not None or moved is None or frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
+            return found
+        return LocalizerState(
+            moved.track, state.last, _drifted(state, moved.track), state.matched_s, state.confirmations
+        )
+
+    def _match_map(
+        self, state: LocalizerState, track: Track, frame: Frame, least_radius_factor: float
+    ) -> FrameMatch | None:
+        seed = track.landmarks if track.inlier_count >= 10 else state.last.landmarks
+        if len(seed) >= 10:
+            keyframes = local_keyframes(self._map, seed)
         else:
             keyframes = self._near_keyframes(track.camera_from_world)
         candidates = local_landmarks(self._map, keyframes)
         if len(candidates) == 0:
             return None
         sigma_m = float(np.sqrt(np.trace(state.covariance[:3, :3])))
-        radius_factor = float(np.clip(sigma_m / 0.05, 1.0, 4.0))
+        radius_factor = float(np.clip(sigma_m / 0.05, least_radius_factor, 4.0))
         found, expected = extend_by_map(self._map, track, candidates, radius_factor)
         if radius_factor > 1.5 and found.landmark_count >= 10:
             found, expected = extend_by_map(self._map, found.track, candidates)
@@ -145,17 +161,19 @@ class Localizer:
         near = np.flatnonzero(alike & (distance < NEAR_M))
         return near[np.argsort(distance[near], kind="stable")][:30].astype(np.int32)
 
-    def _with_map(self, state: LocalizerState, moved: FrameMatch, matched: FrameMatch, frame: Frame) -> LocalizerState:
+    def _with_map(self, state: LocalizerState, moved: Track, matched: FrameMatch, frame: Frame) -> LocalizerState:
         covariance = _map_covariance(matched.track)
-        shift_m = float(np.linalg.norm(_centre(matched.track) - _centre(moved.track)))
-        drift_m = 3.0 * float(np.sqrt(np.trace(_drifted(state, moved.track)[:3, :3])))
+        shift_m = float(np.linalg.norm(_centre(matched.track) - _centre(moved)))
+        drift_m = 3.0 * float(np.sqrt(np.trace(_drifted(state, moved)[:3, :3])))
         confirmations = 1 if shift_m > max(JUMP_M, drift_m) else min(state.confirmations + 1, CONFIRMATIONS)
         return LocalizerState(matched.track, state.last, covariance, frame.stamp_s, confirmations)
 
     # --------------------------------------------------------------------------------------------- finding
     def _is_due_for_search(self, state: LocalizerState, frame: Frame) -> bool:
-        # Searching takes longer than following: while odometry carries on, every fifth frame is enough.
-        return frame.stamp_s - state.matched_s > 0.5 and int(frame.stamp_s * 10) % 5 == 0
+        """Return whether to search the whole map: at once when the map is missed, then every half second."""
+        missed_s = frame.stamp_s - state.matched_s
+        before_s = state.last.stamp_s - state.matched_s
+        return int(missed_s / SEARCH_INTERVAL_S) != int(before_s / SEARCH_INTERVAL_S) or before_s <= 0.0
 
     def _find(self, frame: Frame, features: Features) -> LocalizerState | None:
         if len(features) < RELOCALIZATION_INLIERS:
@@ -175,7 +193,12 @@ class Localizer:
         if state is None:
             return LocalizationQuality.LOST
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(state.covariance[:3, :3])[-1]))
-        if state.confirmations < CONFIRMATIONS or sigma_m > self._settings.uncertain_position_m:
+        without_map_s = stamp_s - state.matched_s
+        if (
+            state.confirmations < CONFIRMATIONS
+            or sigma_m > self._settings.uncertain_position_m
+            or without_map_s > MAX_UNMATCHED_S
+        ):
             return LocalizationQuality.UNCERTAIN
         return LocalizationQuality.LOCALIZED
 

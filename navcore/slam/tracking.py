@@ -214,10 +214,15 @@ def _from_matches(
     from_last = np.flatnonzero(match >= 0)
     if len(from_last) < MIN_FRAME_MATCHES:
         return None
-    found = refined(
-        stamp_s, features, guess, match[from_last], points[from_last], last.landmark_of[from_last], view.camera
-    )
-    return found if found.matched_count >= max(MIN_FRAME_MATCHES // 2, len(from_last) // 5) else None
+    # What the map knows stands still; what it does not know may be somebody walking along.
+    known = from_last[last.landmark_of[from_last] >= 0]
+    for chosen in (known, from_last):
+        if len(chosen) < MIN_FRAME_MATCHES:
+            continue
+        found = refined(stamp_s, features, guess, match[chosen], points[chosen], last.landmark_of[chosen], view.camera)
+        if found.matched_count >= max(MIN_FRAME_MATCHES // 2, len(chosen) // 5):
+            return found
+    return None
 
 
 def _track_by_descriptors(

@@ -47,11 +47,10 @@ class StoredGraphLog:
         row = GraphEntryRow(
             site_id=self._site_id, version=entry.version, author=entry.author, at_s=entry.at_s, entry_json=text
         )
-        what = msgspec.json.encode(entry.edit).decode() if entry.edit is not None else f"version {entry.target_version}"
         try:
             with self._store.writing() as session:
                 session.add(row)
-                self._store.add_audit(session, entry.author, f"graph_{entry.kind}", what)
+                self._store.add_audit(session, entry.author, f"graph_{entry.kind}", _in_words(entry))
         except IntegrityError as error:
             raise ConflictError(
                 "Another console edits the same site and database: stop one of the two, then try again."
@@ -80,3 +79,9 @@ class StoredGraphLog:
             raise InputError(
                 f"Version {version} of the PoI-graph cannot be read from the database ({error}): restore a backup."
             ) from error
+
+
+def _in_words(entry: LogEntry) -> str:
+    if entry.edit is not None:
+        return msgspec.json.encode(entry.edit).decode()
+    return f"version {entry.version}" if entry.target_version is None else f"of version {entry.target_version}"

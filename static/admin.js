@@ -13,8 +13,8 @@ async function refresh() {
   $("no-tokens").hidden = tokens.length > 0;
   $("tokens-wrap").hidden = tokens.length === 0;
   $("tokens").replaceChildren(...tokens.map(tokenRow));
-  $("audit").replaceChildren(...audit.map((line) => el("tr", {}, el("td", { class: "number" }, new Date(line.at_s * 1000).toLocaleString()),
-    el("td", {}, line.who), el("td", {}, line.action.replaceAll("_", " ")), el("td", { class: "quiet small" }, line.detail))));
+  $("audit").replaceChildren(...audit.map((line) => el("tr", {}, el("td", { class: "when" }, new Date(line.at_s * 1000).toLocaleString()),
+    el("td", {}, line.who), el("td", {}, line.action.replaceAll("_", " ")), el("td", { class: "quiet small wide" }, line.detail))));
 }
 
 const doing = (work) => attempt(async () => { await work(); await refresh(); });
@@ -36,7 +36,7 @@ function tokenRow(token) {
   const seen = token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
   const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
   const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => doing(() => post("/api/tokens/revoke", { name: token.name })) }, "Revoke");
-  return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", {}, token.created_by), el("td", {}, seen), el("td", {}, state),
+  return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),
     el("td", { class: "actions" }, token.revoked ? "" : revoke));
 }
 

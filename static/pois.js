@@ -5,8 +5,8 @@ import { start } from "./shell.js";
 import { attempt } from "./toast.js";
 
 const me = await start();
-const graph = new Graph(show);
 let edited = null;
+const graph = new Graph(show);
 
 for (const node of document.querySelectorAll(".editing, #undo, #redo, #publish")) node.hidden = !me.mayEdit;
 $("undo").prepend(icon("undo"));
@@ -24,9 +24,10 @@ function show(data) {
   $("places").replaceChildren(...byName(data.pois).map(poiRow));
   $("no-edges").hidden = data.edges.length > 0;
   $("edges-wrap").hidden = data.edges.length === 0;
-  $("edges").replaceChildren(...data.edges.map(edgeRow));
+  $("edges").replaceChildren(...byEnds(data.edges).map(edgeRow));
   for (const id of ["edge-a", "edge-b"]) fillEnds($(id), data.pois.filter((poi) => poi.on_road));
-  if (focus) document.querySelector(`[data-key="${CSS.escape(focus)}"]`)?.focus();
+  // What had the focus is drawn anew, or gone: the keyboard does not lose its place.
+  if (focus) (document.querySelector(`[data-key="${CSS.escape(focus)}"]`) ?? $("add-poi")).focus();
 }
 
 function showVersion({ version, published_version, can_undo, can_redo }) {
@@ -43,6 +44,11 @@ function byName(pois) {
   return [...pois].sort((a, b) => a.name.localeCompare(b.name, undefined, { numeric: true }));
 }
 
+function byEnds(edges) {
+  const ends = ({ a, b }) => `${graph.poi(a)?.name} ${graph.poi(b)?.name}`;
+  return [...edges].sort((one, other) => ends(one).localeCompare(ends(other), undefined, { numeric: true }));
+}
+
 function poiRow(poi) {
   const actions = el("td", { class: "actions" });
   if (me.mayEdit) {
@@ -51,8 +57,8 @@ function poiRow(poi) {
       el("button", { type: "button", class: "plain danger slim", "data-key": `delete-${poi.id}`, "aria-label": `Delete ${poi.name}`, onclick: () => graph.deletePoi(poi) }, "Delete"),
     );
   }
-  return el("tr", {}, el("th", { scope: "row" }, poi.name), el("td", {}, KIND_NAMES[poi.kind]), el("td", {}, poi.spoken_name || el("span", { class: "quiet" }, "like the name")),
-    el("td", { class: "number" }, poi.x_m.toFixed(2)), el("td", { class: "number" }, poi.y_m.toFixed(2)), el("td", {}, poi.on_road ? "yes" : "no, free-standing"), actions);
+  return el("tr", {}, el("th", { scope: "row" }, poi.name), el("td", {}, KIND_NAMES[poi.kind]), el("td", { class: "wide" }, poi.spoken_name || el("span", { class: "quiet" }, "like the name")),
+    el("td", { class: "number wide" }, poi.x_m.toFixed(2)), el("td", { class: "number wide" }, poi.y_m.toFixed(2)), el("td", { class: "wide" }, poi.on_road ? "yes" : "no, free-standing"), actions);
 }
 
 function edgeRow(edge) {
@@ -61,9 +67,9 @@ function edgeRow(edge) {
   const check = (field, label) => el("input", { type: "checkbox", "data-key": `${field}-${edge.id}`, checked: edge[field], disabled: !me.mayEdit, "aria-label": `${label}: ${way}`, onchange: (event) => set(edge, { [field]: event.target.checked }) });
   const cost = el("input", { type: "number", min: 1, max: 100, step: "any", value: edge.cost_multiplier, "data-key": `cost-${edge.id}`, disabled: !me.mayEdit, "aria-label": `Cost factor: ${way}`, onchange: (event) => set(edge, { cost_multiplier: Number(event.target.value) }) });
   const actions = el("td", { class: "actions" });
-  if (me.mayEdit) actions.append(el("button", { type: "button", class: "plain danger slim", "aria-label": `Delete the way from ${way}`, onclick: () => attempt(() => graph.edit({ edit: "delete_edge", edge_id: edge.id })) }, "Delete"));
+  if (me.mayEdit) actions.append(el("button", { type: "button", class: "plain danger slim", "data-key": `delete-${edge.id}`, "aria-label": `Delete the way from ${way}`, onclick: () => attempt(() => graph.edit({ edit: "delete_edge", edge_id: edge.id })) }, "Delete"));
   return el("tr", {}, el("th", { scope: "row" }, a), el("td", {}, b), el("td", { class: "number" }, metres(edge.length_m)),
-    el("td", {}, check("one_way", "One way")), el("td", {}, check("closed", "Closed")), el("td", {}, cost), actions);
+    el("td", { class: "wide" }, check("one_way", "One way")), el("td", {}, check("closed", "Closed")), el("td", { class: "wide" }, cost), actions);
 }
 
 async function set(edge, change) {

@@ -4,6 +4,7 @@ import { $, ago, el, icon, metres, onChange, setText } from "./dom.js";
 
 const QUALITY = { localized: "● Localized", uncertain: "◐ Uncertain", lost: "✕ Lost" };
 const SONAR = { no_echo: "no echo", stale: "silent", absent: "none" };
+const SPOKEN = { walk: "Walking.", turn: "Turning.", stop: "Standing.", arrived: "Arrived.", idle: "Waiting." };
 const DEPTH_EVERY_MS = 400;
 
 export class Walker {
@@ -45,6 +46,8 @@ export class Walker {
     this.drawSign(sign);
     setText($("now-action"), words);
     setText($("now-reason"), state.reason);
+    // For screen readers: what changes a few times a minute, not every degree.
+    setText($("now-said"), `${SPOKEN[action]} ${state.reason}`);
     $("now-cue").hidden = !state.last_cue;
     setText($("now-cue-text"), state.last_cue);
     setText($("now-cue-age"), state.last_cue_age_s === null ? "" : ago(state.last_cue_age_s + elapsed_s));

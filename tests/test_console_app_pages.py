@@ -1,0 +1,225 @@
+"""The pages in a real Chromium: forms, live state, settings, roles; by mouse and by keyboard."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from browser import become_admin, chromium, until
+from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited, serving
+from playwright.sync_api import Browser, Page, expect
+from websockets.exceptions import ConnectionClosed
+
+from console.edits import UpdatePoi
+from console.server import ConsoleServer
+from navcore.site import Site, save_site
+from navcore.wire import (
+    ApplySettings,
+    ConsoleMessage,
+    Ping,
+    Pong,
+    RouteChanged,
+    SetDestination,
+    SettingsRunning,
+    WalkerState,
+    decode_from_console,
+)
+
+pytestmark = pytest.mark.browser
+expect.set_options(timeout=60_000)
+NAMELESS = """
+() => [...document.querySelectorAll('input, select, textarea, button, a[href], iframe, dialog')]
+  .filter((e) => e.checkVisibility())
+  .filter((e) => !(e.labels && e.labels.length) && !e.getAttribute('aria-label') && !e.getAttribute('aria-labelledby')
+    && !e.title && !e.textContent.trim())
+  .map((e) => e.outerHTML.slice(0, 120))
+"""
+
+
+class WalkingDevice:
+    """A device on a real link that does what it is told."""
+
+    def __init__(self, server: ConsoleServer) -> None:
+        token = server.services.devices.create_token("Glasses of Ada", "test")
+        self.link = DialledDevice(server.ready.url, token, hello_of(server))
+        self.now_s = server.services.hub.now_s
+        self.link.send(SettingsRunning(0, dict(DEFAULTS)))
+        self.send_state()
+        self._thread = threading.Thread(target=self._answer_all, daemon=True)
+        self._thread.start()
+
+    def send_state(self, destination_id: str | None = None) -> None:
+        """Tell where the walker is."""
+        mode = "idle" if destination_id is None else "guiding"
+        action, reason = ("stop", "no_route") if destination_id is None else ("walk", "ok")
+        state = WalkerState(self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id)
+        self.link.send(state)
+
+    def vanish(self) -> None:
+        """Break the link."""
+        self.link.socket.close()
+        self._thread.join()
+
+    def _answer_all(self) -> None:
+        try:
+            for data in self.link.socket:
+                self._answer(decode_from_console(bytes(data)))  # type: ignore[arg-type]
+        except ConnectionClosed:
+            return
+
+    def _answer(self, message: ConsoleMessage) -> None:
+        match message:
+            case Ping(console_now_s):
+                self.link.send(Pong(console_now_s, self.now_s()))
+            case ApplySettings(revision, values):
+                self.link.send(SettingsRunning(revision, values))
+            case SetDestination(poi_id):
+                self.link.send(RouteChanged(self.now_s(), ((0.0, 0.0), (6.0, 0.0)), (("Bar", 6.0),), poi_id))
+                self.send_state(poi_id)
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as running:
+        yield running
+
+
+@pytest.fixture
+def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
+    context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 700})
+    opened = context.new_page()
+    opened.set_default_timeout(60_000)
+    failures: list[str] = []
+    opened.on("pageerror", lambda error: failures.append(str(error)))
+    assert server.ready.first_link is not None
+    become_admin(opened, server.ready.first_link)
+    yield opened
+    context.close()
+    assert failures == []
+
+
+def test_signing_out_and_in_leads_back_to_the_page_that_was_asked_for(page: Page) -> None:
+    page.goto("/settings")
+    page.get_by_role("button", name="Sign out").click()
+    page.wait_for_url("**/signin")
+    page.goto("/pois")
+    page.get_by_label("Name").fill("ada")
+    page.get_by_label("Password").fill("not the password")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("alert")).to_have_text("Name and password do not match.")
+    page.get_by_label("Password").fill(PASSWORD)
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/pois")
+    expect(page.get_by_role("heading", name="Places and ways")).to_be_visible()
+
+
+def test_places_are_made_joined_and_taken_back_without_any_dragging(page: Page, server: ConsoleServer) -> None:
+    page.goto("/pois")
+    page.get_by_role("button", name="Add a place…").click()
+    dialog = page.get_by_role("dialog")
+    dialog.get_by_label("Name").fill("<img src=x onerror=alert(1)> Lift")
+    dialog.get_by_label("Kind").select_option("lift")
+    dialog.get_by_label("x (metres)").fill("3")
+    dialog.get_by_label("y (metres)").fill("40")
+    dialog.get_by_role("button", name="Save").click()
+    expect(dialog.get_by_role("alert")).to_contain_text("40.0 m from the road")
+    dialog.get_by_label("y (metres)").fill("0.5")
+    page.keyboard.press("Enter")
+    lift = page.locator("#places tr", has_text="<img src=x onerror=alert(1)> Lift")
+    expect(lift).to_be_visible()
+    page.get_by_role("button", name="Join all neighbours along the road").click()
+    expect(page.locator("#edges tr")).to_have_count(3)
+    lift.get_by_role("button", name="Delete").click()
+    expect(page.locator("#edges tr")).to_have_count(1)
+    page.locator("h1").click()
+    page.keyboard.press("Control+z")
+    expect(page.locator("#edges tr")).to_have_count(3)
+    page.get_by_label("Closed: Hall to Bar").check()
+    page.reload()
+    expect(page.get_by_label("Closed: Hall to Bar")).to_be_checked()
+    assert server.services.model.graph.edges["a-b"].closed
+    page.get_by_role("button", name="Publish").click()
+    expect(page.locator("#version")).to_contain_text("is published")
+    assert server.services.model.published == server.services.model.graph
+
+
+def test_an_edit_of_somebody_else_is_seen(page: Page, server: ConsoleServer) -> None:
+    page.goto("/")
+    page.get_by_role("tab", name="Places").click()
+    expect(page.locator("#places")).to_contain_text("Bar")
+    server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Somebody")
+    expect(page.locator("#places")).to_contain_text("Tea bar")
+
+
+def test_a_walk_is_started_and_seen_and_a_lost_device_never_looks_live(page: Page, server: ConsoleServer) -> None:
+    page.goto("/")
+    expect(page.locator("#no-device")).to_be_visible()
+    device = WalkingDevice(server)
+    until(page, lambda: device.send_state() or page.locator("#freshness").text_content() == "LIVE", "a live device")
+    page.get_by_label("Destination").select_option(label="Bar")
+    page.get_by_role("button", name="Guide to Bar").click()
+    expect(page.locator("#now-action")).to_have_text("Walking to Bar")
+    expect(page.locator("#commands")).to_contain_text("done")
+    device.vanish()
+    expect(page.locator("#freshness")).to_have_text("LOST")
+    expect(page.locator("#dated")).to_contain_text("not connected")
+    expect(page.get_by_role("button", name="Guide to Bar")).to_be_disabled()
+
+
+def test_a_setting_is_sent_runs_and_asks_first_where_safety_hangs_on_it(page: Page, server: ConsoleServer) -> None:
+    device = WalkingDevice(server)
+    page.goto("/settings")
+    distance = page.get_by_label("Sub goal distance, as a number")
+    expect(distance).to_be_enabled()
+    distance.fill("2.5")
+    distance.press("Tab")
+    expect(page.locator(".setting", has=distance).locator(".state")).to_contain_text("running: revision 1")
+    clearance = page.locator("#group-gate").get_by_label("Clearance, as a number")
+    clearance.fill("1.5")
+    clearance.press("Tab")
+    page.get_by_role("button", name="Leave it as it is").click()
+    expect(clearance).to_have_value("2")
+    clearance.fill("9")
+    clearance.press("Tab")
+    page.get_by_role("button", name="Change it").click()
+    expect(page.locator("#group-gate .setting").first.locator(".state")).to_contain_text("from 0.5 to 4")
+    expect(page.locator("#revisions tr")).to_have_count(1)
+    assert server.services.hub.device("glasses").settings == DEFAULTS | {"follower.sub_goal_distance_m": 2.5}
+    device.vanish()
+
+
+def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server: ConsoleServer) -> None:
+    viewer = invited(first_admin(server), "Vera", "viewer")
+    context = browser.new_context(base_url=server.ready.url)
+    ((name, value),) = viewer.http.cookies.items()
+    context.add_cookies([{"name": name, "value": value, "url": server.ready.url}])
+    page = context.new_page()
+    page.goto("/pois")
+    expect(page.locator("#places tr")).to_have_count(2)
+    for button in ("Add a place…", "Publish", "Undo", "Delete Bar"):
+        expect(page.get_by_role("button", name=button)).to_have_count(0)
+    expect(page.get_by_role("link", name="Admin")).to_have_count(0)
+    context.close()
+
+
+def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None:
+    page.set_viewport_size({"width": 360, "height": 740})
+    for path in ("/", "/pois", "/settings", "/admin"):
+        page.goto(path)
+        expect(page.locator("#user-name")).to_have_text("Ada")
+        assert page.evaluate(NAMELESS) == [], path
+        assert page.locator("h1").count() == 1
+        assert page.locator("main").count() == 1
+        overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+        assert overflow <= 0, f"{path} is {overflow} px wider than a phone"
+        page.keyboard.press("Tab")
+        assert page.evaluate("document.activeElement.className") == "skip"

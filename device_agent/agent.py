@@ -74,8 +74,7 @@ class DeviceAgent:
         """Replaced as a whole, between two stages: any thread may read it."""
         self._localizer = localizer
         self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
-        self._voice = Voice(parts.output)
-        self._incidents_heard = 0
+        self._incidents_heeded = 0
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
@@ -86,6 +85,7 @@ class DeviceAgent:
             lambda stamp_s, text: parts.uplink.event(stamp_s, "watchdog", text),
             lambda: self.state.settings.cues.language,
         )
+        self._voice = Voice(parts.output, lambda: self.watchdog.incidents)
 
     # ------------------------------------------------------------------------------------------------- orders
     def submit(self, order: Order) -> None:
@@ -165,13 +165,10 @@ class DeviceAgent:
         self._do_all(effects)
 
     def _heed_the_watchdog(self) -> None:
-        """What the watchdog overruled is said again once guidance is fresh."""
-        if self.watchdog.incidents != self._incidents_heard:
-            self._incidents_heard = self.watchdog.incidents
-            now_s = self._parts.clock.now_s()
-            if self.state.mode == "guiding":
-                self._voice.overruled(now_s)
-            self.state = replace(self.state, failed_s=now_s)
+        """After an incident the walker does not move again before everything has been fresh for a while."""
+        if self.watchdog.incidents != self._incidents_heeded:
+            self._incidents_heeded = self.watchdog.incidents
+            self.state = replace(self.state, failed_s=self._parts.clock.now_s())
 
     # ----------------------------------------------------------------------------------------------- effects
     def _do_all(self, effects: tuple[Effect, ...]) -> None:

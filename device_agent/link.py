@@ -186,7 +186,8 @@ class ConsoleLink:
                 await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
             finally:
                 await _ended(sending, receiving)
-                self.event(self._clock.now_s(), "link", "The console is gone.")
+                if not self._stopping:
+                    self.event(self._clock.now_s(), "link", "The console is gone.")
             for task in (receiving, sending):
                 if not task.cancelled():
                     task.result()

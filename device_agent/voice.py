@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 
 from device_agent.ports import CueOutput
@@ -16,8 +17,11 @@ from navcore.types import Action, Guidance, Reason, SonarState
 class Voice:
     """Remembers what has been said, and plays what is to be said now."""
 
-    def __init__(self, output: CueOutput) -> None:
+    def __init__(self, output: CueOutput, incidents: Callable[[], int]) -> None:
+        """``incidents`` counts how often the watchdog has spoken on the same output."""
         self._output = output
+        self._incidents = incidents
+        self._incidents_heard = incidents()
         # Nobody walks at the start: "stop" is no news then.
         self._memory = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
         self.last_spoken: Cue | None = None
@@ -25,6 +29,10 @@ class Voice:
 
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""
+        if self._incidents() != self._incidents_heard:
+            self._incidents_heard = self._incidents()
+            if state.mode == "guiding":
+                self._overruled(now_s)
         if not state.leading:
             guidance = self._resting(state, guidance)
         cues, self._memory = cues_for(guidance, self._memory, state.route, state.settings, now_s)
@@ -40,7 +48,7 @@ class Voice:
         cues, self._memory = repeat_last(self._memory, settings, now_s)
         return self._played(cues, now_s)
 
-    def overruled(self, now_s: float) -> None:
+    def _overruled(self, now_s: float) -> None:
         """The watchdog has said *Stop* in between: whatever else holds is to be said anew."""
         bus = CueBus(repeatable=self._memory.bus.repeatable)
         self._memory = replace(

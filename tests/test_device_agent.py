@@ -360,6 +360,24 @@ def test_a_decision_that_took_too_long_is_a_stop(rig: Rig) -> None:
     assert "too old" in cycle.guidance.trace.rule
 
 
+def test_stop_is_said_once_by_watchdog_and_loop_together(rig: Rig) -> None:
+    rig.lead_to()
+    heard = len(rig.output.cues)
+    locate = rig.locate
+
+    def slowly(frame: Frame) -> Localization:
+        rig.clock.sleep_until(rig.clock.now_s() + 0.8)
+        rig.agent.watchdog.check()
+        return locate(frame)
+
+    rig.agent._localizer = FakeLocalizer(slowly)
+    rig.cycles(1)
+    rig.agent._localizer = FakeLocalizer(locate)
+    rig.cycles(15)
+    instructions = (CueKind.STOP, CueKind.TURN, CueKind.WALK)
+    assert [kind for kind in rig.heard[heard:] if kind in instructions] == [CueKind.STOP, CueKind.WALK]
+
+
 def test_no_state_that_reaches_the_console_holds_what_is_no_number(rig: Rig) -> None:
     from navcore.wire import decode_from_device, encode
 

@@ -49,6 +49,8 @@ _OBSTACLE_REASONS = frozenset(
     {Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE, Reason.DEPTH_INVALID}
 )
 """Stops that the walker leaves only after several free frames."""
+_MAX_DETOUR_RAD = math.radians(75.0)
+"""Somebody who is led round something may head this far from the expected direction before they are turned back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +161,7 @@ def _choose(
         return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
     error = relative_to(expected, pose.heading)
     best, required_m, rule = _optimal(cycle, pose, goal, expected, deviation_m)
+    narrows = _was_wide(cycle) and best is not None and required_m == _narrow_m(cycle)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     stop_m = settings.obstacle.stop_distance_m
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
@@ -166,9 +169,11 @@ def _choose(
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
     if trace.sonar_m is not None and trace.sonar_m < stop_m:
         return _before_echo(cycle, error, trace, "echo nearer than the stop distance")
-    if best is None:
+    if best is None or narrows:
         reason = _blocking_reason(cycle, error, required_m)
-        return _before_obstacle(cycle, error, trace, reason, f"D is empty: nothing is free for {required_m:.1f} m")
+        return _before_obstacle(
+            cycle, error, trace, reason, f"D is empty: nothing is free for {trace.required_m:.1f} m"
+        )
     gate_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.gate.clearance_m)
     gate_m = min(gate_m, max(required_m, stop_m))
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
@@ -182,22 +187,40 @@ def _optimal(
 ) -> tuple[CandidateDirection | None, float, str]:
     """Return θ_opt, the clearance that was asked for, and the rule.
 
-    Where nothing is free for δ, the paper stops. Somebody who stands may then begin again with less: in a corridor
-    as wide as two people there is no direction round an obstacle that is free for 2 m.
+    Where nothing is free for δ, the paper stops. So does this, with a turn on the spot to where most is free; somebody
+    who stands may then begin again with less than δ: in a corridor as wide as two people there is no direction round
+    an obstacle that is free for 2 m.
     """
-    settings, before, heading = cycle.settings, cycle.previous, pose.heading
+    settings, heading = cycle.settings, pose.heading
     required_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.obstacle.clearance_m)
     candidates = walkable(cycle.scan.candidates, required_m)
     best = optimal_direction(
         candidates, expected, heading, deviation_m, settings.follower, _last_direction(cycle, heading)
     )
-    narrow_m = max(settings.obstacle.narrow_clearance_m, settings.obstacle.stop_distance_m)
-    was_wide = before is not None and before.action is Action.WALK and (before.trace.required_m or 0.0) > narrow_m
-    if best is None and narrow_m < required_m and not was_wide:
+    narrow_m = _narrow_m(cycle)
+    if best is None and narrow_m < required_m:
         best = widest_direction(walkable(cycle.scan.candidates, narrow_m), expected, heading)
         return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
     corrects = needs_correction(deviation_m, relative_to(expected, heading), settings.follower)
     return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
+
+
+def _narrow_m(cycle: _Cycle) -> float:
+    return max(cycle.settings.obstacle.narrow_clearance_m, cycle.settings.obstacle.stop_distance_m)
+
+
+def _was_wide(cycle: _Cycle) -> bool:
+    """Whether the walker is walking in a direction that was free for more than the narrow clearance."""
+    before = cycle.previous
+    return before is not None and before.action is Action.WALK and (before.trace.required_m or 0.0) > _narrow_m(cycle)
+
+
+def _goes_round(cycle: _Cycle) -> bool:
+    """Whether the frame before led aside, round something: on the spot, or with less than δ."""
+    before = cycle.previous
+    if before is None or before.action is Action.STOP or before.trace.optimal is None:
+        return False
+    return before.action is Action.TURN or (before.trace.required_m or math.inf) <= _narrow_m(cycle)
 
 
 def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: str) -> Guidance:
@@ -210,7 +233,7 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     faces = abs(error) <= _look_threshold_rad(cycle)
     may_look = trace.look_count < SIDES and (last_look is not None or (faces and not waits))
     if may_look and trace.expected is not None and heading is not None:
-        target = look_target(trace.expected, cycle.scan, last_look, error)
+        target = look_target(trace.expected, cycle.scan, last_look, error, trace.look_count)
         looking = replace(trace, optimal=None, look_target=target, look_count=trace.look_count + 1)
         return cycle.turn(relative_to(target, heading), looking, f"{why}: look aside for a way round")
     if not faces:
@@ -222,6 +245,8 @@ def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why:
     """The rangefinder hears only what is in front: turn to where the route leads, or stop."""
     if abs(error) > _look_threshold_rad(cycle):
         return cycle.turn(error, replace(trace, optimal=None), f"{why}: turn to look where the route leads")
+    if trace.optimal is not None and abs(trace.optimal) > math.radians(cycle.settings.obstacle.candidate_step_deg / 2):
+        return cycle.turn(trace.optimal, trace, f"{why}: turn to the free direction")
     return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
 
 
@@ -240,6 +265,8 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, r
 def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
     """A turn begins when the expected direction is far to the side, and lasts until it is nearly straight ahead."""
     follower = cycle.settings.follower
+    if _goes_round(cycle):
+        return abs(error) > _MAX_DETOUR_RAD
     turning = _is_turning_to_expected(cycle)
     return abs(error) > math.radians(follower.turn_settled_deg if turning else follower.turn_angle_deg)
 

@@ -10,6 +10,7 @@ from navcore.settings import FollowerSettings, ObstacleSettings
 from navcore.types import CandidateDirection, Pose2D, SubGoal
 
 _ASIDE_RAD = math.radians(9.0)
+_NARROW_GAIN_M = 0.3
 _SIDE_CHANGE_RAD = math.radians(20.0)
 
 
@@ -80,14 +81,18 @@ def optimal_direction(
 def widest_direction(
     candidates: tuple[CandidateDirection, ...], expected: WorldAngle, heading: WorldAngle
 ) -> CandidateDirection | None:
-    """Return the direction that is free farthest, where none is free for δ; equal ones by the expected direction.
+    """Return the direction that is free farthest, where none is free for δ, or None where it leads round nothing.
 
-    Going on towards what blocks the way, because that is straight ahead, would leave no room to go round it.
+    Going on towards what blocks the way, because that is straight ahead, would leave no room to go round it; and a
+    direction that is hardly freer than the expected one only leads nearer to a wall.
     """
     error = relative_to(expected, heading)
-    return min(
+    best = min(
         candidates, key=lambda each: (-round(each.clearance_m, 1), abs(wrap_rad(error - each.angle))), default=None
     )
+    towards = [each.clearance_m for each in candidates if abs(wrap_rad(error - each.angle)) < _ASIDE_RAD]
+    gains = best is not None and (not towards or best.clearance_m >= max(towards) + _NARROW_GAIN_M)
+    return best if gains else None
 
 
 def _changes_side(angle: RelativeAngle, last: RelativeAngle) -> bool:

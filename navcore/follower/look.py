@@ -21,12 +21,21 @@ SIDES = 2
 _SEES_M = 3.0
 
 
-def look_target(expected: WorldAngle, scan: ObstacleScan, last: WorldAngle | None, error: RelativeAngle) -> WorldAngle:
-    """Return the direction to look in: the more open side first, the other one after ``last``."""
-    if last is not None:
-        was_left = math.sin(last - expected) > 0.0
-        return world_angle(expected - LOOK_RAD if was_left else expected + LOOK_RAD)
-    return world_angle(expected + LOOK_RAD if is_left_more_open(scan, error) else expected - LOOK_RAD)
+def look_target(
+    expected: WorldAngle, scan: ObstacleScan, last: WorldAngle | None, error: RelativeAngle, look_count: int
+) -> WorldAngle:
+    """Return the direction to look in: the more open side first, then the other one.
+
+    Args:
+        expected: θ_exp.
+        scan: what is seen now.
+        last: the direction that was just looked in; None for somebody who faces the expected direction.
+        error: θ_exp relative to the heading.
+        look_count: sides that have been looked at.
+    """
+    first_is_left = is_left_more_open(scan, error) == (look_count == 0)
+    left = first_is_left if last is None else math.sin(last - expected) <= 0.0
+    return world_angle(expected + LOOK_RAD if left else expected - LOOK_RAD)
 
 
 def is_left_more_open(scan: ObstacleScan, error: RelativeAngle) -> bool:

@@ -18,7 +18,7 @@ from navcore.slam.features import FeatureExtractor, feature_count_for
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3, log_so3
 from navcore.slam.pose import covariance_in_world
-from navcore.slam.relocalization import depth_support, relocalize
+from navcore.slam.relocalization import DepthSupport, depth_support, relocalize
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -37,10 +37,11 @@ RELOCALIZATION_INLIERS = 40
 """Landmarks that must agree when there was no guess."""
 CONFIRMATIONS = 3
 """Frames in a row that must match the map after a relocalization before the pose is called Localized."""
-MIN_DEPTH_SHARE = 0.6
-"""Share of the landmarks in view with which the depth image must agree."""
-MIN_FOUND_SHARE = 0.1
-"""Share of the landmarks in view that must be found."""
+MIN_DEPTH_SHARE = 0.8
+"""Share of the landmarks in view with which the depth image must agree; what hides a landmark says nothing."""
+MIN_FOUND_SHARE = 0.2
+"""Share of those landmarks that must be found among the features. A pose that is wrong by one period of a repeating wall
+still finds a sixth."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
 MAX_UNMATCHED_S = 0.15
@@ -79,6 +80,20 @@ class LocalizerState:
     """Frames in a row that have matched the map since the pose was found without a guess."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MapMatch:
+    """A pose at which landmarks of the map were found, and what the depth image says of it."""
+
+    track: Track
+    support: DepthSupport
+
+    @property
+    def is_convincing(self) -> bool:
+        """Whether enough of what should be seen is seen, where it should be."""
+        enough = self.track.inlier_count >= MIN_FOUND_SHARE * self.support.agreeing
+        return enough and self.support.share >= MIN_DEPTH_SHARE
+
+
 class Localizer:
     """Locates frames in a map. Frames come in order of their stamps, and may be dropped; ``reset`` forgets them."""
 
@@ -115,27 +130,28 @@ class Localizer:
         unseen = np.full(len(features), NO_LANDMARK, np.int32)
         predicted = Track(frame.stamp_s, features, guess, unseen, np.zeros((6, 6)))
         # Somebody who walks along can lead odometry astray; the map, looked for where the camera should be, cannot.
+        doubtful: MapMatch | None = None
         for track, radius_factor in ((moved and moved.track, 1.0), (predicted, GUESS_RADIUS_FACTOR)):
-            if track is None:
-                continue
-            matched = self._match_map(state, track, frame, radius_factor)
-            if matched is not None:
+            matched = self._match_map(state, track, frame, radius_factor) if track is not None else None
+            if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, matched, frame)
-        return self._without_map(state, moved, frame, features)
-
-    def _without_map(
-        self, state: LocalizerState, moved: FrameMatch | None, frame: Frame, features: Features
-    ) -> LocalizerState | None:
+            doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
-        if found is not None or moved is None or frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
-            return found
-        return LocalizerState(
-            moved.track, state.last, _drifted(state, moved.track), state.matched_s, state.confirmations
-        )
+        return found or self._carried_on(state, moved, doubtful, frame)
+
+    def _carried_on(
+        self, state: LocalizerState, moved: FrameMatch | None, doubtful: MapMatch | None, frame: Frame
+    ) -> LocalizerState | None:
+        """Go on without a convincing match: by odometry, else where the map seemed to match; None when lost."""
+        track = moved.track if moved is not None else doubtful.track if doubtful is not None else None
+        if track is None or frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
+            return None
+        confirmations = 0 if doubtful is not None else state.confirmations
+        return LocalizerState(track, state.last, _drifted(state, track), state.matched_s, confirmations)
 
     def _match_map(
         self, state: LocalizerState, track: Track, frame: Frame, least_radius_factor: float
-    ) -> FrameMatch | None:
+    ) -> MapMatch | None:
         seed = track.landmarks if track.inlier_count >= 10 else state.last.landmarks
         if len(seed) >= 10:
             keyframes = local_keyframes(self._map, seed)
@@ -149,10 +165,10 @@ class Localizer:
         found, expected = extend_by_map(self._map, track, candidates, radius_factor)
         if radius_factor > 1.5 and found.landmark_count >= 10:
             found, expected = extend_by_map(self._map, found.track, candidates)
-        if found.landmark_count < max(self._settings.min_inliers_count, MIN_FOUND_SHARE * len(expected)):
+        if found.landmark_count < self._settings.min_inliers_count:
             return None
         support = depth_support(self._map, found.track.camera_from_world, expected, frame.depth_m)
-        return found if support.share >= MIN_DEPTH_SHARE else None
+        return MapMatch(found.track, support)
 
     def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:
         centre = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
@@ -161,7 +177,7 @@ class Localizer:
         near = np.flatnonzero(alike & (distance < NEAR_M))
         return near[np.argsort(distance[near], kind="stable")][:30].astype(np.int32)
 
-    def _with_map(self, state: LocalizerState, moved: Track, matched: FrameMatch, frame: Frame) -> LocalizerState:
+    def _with_map(self, state: LocalizerState, moved: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
         covariance = _map_covariance(matched.track)
         shift_m = float(np.linalg.norm(_centre(matched.track) - _centre(moved)))
         drift_m = 3.0 * float(np.sqrt(np.trace(_drifted(state, moved)[:3, :3])))
@@ -182,9 +198,9 @@ class Localizer:
         found = relocalize(self._map, features, frame.stamp_s, candidates.tolist(), RELOCALIZATION_INLIERS)
         if found is None:
             return None
-        around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks)[:15])
+        around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks))
         support = depth_support(self._map, found.track.camera_from_world, around, frame.depth_m)
-        if support.share < MIN_DEPTH_SHARE:
+        if not MapMatch(found.track, support).is_convincing:
             return None
         return LocalizerState(found.track, None, _map_covariance(found.track), frame.stamp_s, 1)
 

@@ -15,6 +15,7 @@ from viewer_fixtures import connect_device, scene_over, services_of_crossing
 from console.live import LiveDevice
 from console.roles import Role
 from console.services import Services
+from console.view_requests import FlyToPoi
 from console.viewer.live_view import LiveView, Trail
 from console.viewer.scene import Scene, decoded
 from console.viewer.walker_panel import status
@@ -274,3 +275,47 @@ def test_only_who_may_tune_has_sliders(scene_and_services: tuple[Scene, Services
         assert browser.view.tuning_panel is None
     finally:
         browser.disconnect()
+
+
+# ----------------------------------------------------------------------------------- what the page around asks for
+def test_the_page_around_can_fly_the_scene_of_its_own_session_to_a_place(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    other = FakeBrowser(scene_and_services[0], "viewer", "Bob", client_id=502)
+    try:
+        assert services.views.ask(browser.person.session_id, FlyToPoi("lift")) == 1
+        tick(browser)
+        lift = services.model.graph.pois["lift"]
+        assert tuple(browser.view.client.camera.look_at)[:2] == pytest.approx((lift.x_m, lift.y_m))
+        assert (browser.view.editor.poi_id, other.view.editor.poi_id) == ("lift", None)
+    finally:
+        other.disconnect()
+    assert services.views.ask(other.person.session_id, FlyToPoi("lift")) == 0, "a closed window hears nothing"
+
+
+def test_following_moves_the_camera_along_with_the_walker(browser: FakeBrowser, device: LiveDevice) -> None:
+    async def follow(x_m: float) -> None:
+        browser.view.view_panel.tick(view_of(dataclasses.replace(device, state=state_at(100.0, x_m)), 100.1))
+
+    async def begin() -> None:
+        browser.view.view_panel.follow()
+
+    browser.run(begin())
+    browser.run(follow(2.0))
+    before = browser.view.client.camera.position.copy()
+    browser.run(follow(4.0))
+    assert browser.view.client.camera.position - before == pytest.approx([2.0, 0.0, 0.0], abs=1e-6)
+    assert tuple(browser.view.client.camera.look_at)[:2] == pytest.approx((4.0, 0.5))
+
+
+def test_a_window_can_hide_a_layer_for_itself(browser: FakeBrowser) -> None:
+    def visible(name: str) -> bool:
+        return bool(node(browser, name).visible)
+
+    assert (visible("/map/cloud"), visible("/map/ceiling")) == (True, False)
+    browser.set_widget("Ceiling", True)
+    browser.set_widget("Point cloud", False)
+    assert (visible("/map/cloud"), visible("/map/ceiling")) == (False, True)
+    shared = browser.scene.embedded.server.scene
+    assert shared.get_handle_by_name("/map/cloud").visible, "the others still see it"

@@ -37,8 +37,8 @@ def services_of_crossing(folder: Path, points_count: int = 4000) -> Iterator[Ser
 
 @contextmanager
 def scene_over(services: Services) -> Iterator[Scene]:
-    """A running scene."""
-    scene = Scene(services)
+    """A running scene that looks at model and hub when the test says so."""
+    scene = Scene(services, tick_s=None)
     try:
         yield scene
     finally:

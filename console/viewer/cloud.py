@@ -19,7 +19,7 @@ _SURFACE_CELL_M = 0.25
 FOV_RAD = math.radians(50.0)
 """Vertical field of view of the scene's camera."""
 _OBLIQUE_RAD = math.radians(60.0)
-_PANEL_SHARE = 0.06
+_PANEL_SHARE = 0.1
 _FILLED_SHARE = 0.96
 
 

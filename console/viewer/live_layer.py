@@ -179,7 +179,7 @@ class _Extras:
             visible=False,
         )  # fmt: skip
         self._camera = scene.add_camera_frustum(
-            "/walker/camera", fov=0.85, aspect=4 / 3, scale=0.55, thickness=2.0, thickness_units="screen",
+            "/walker/camera", fov=0.85, aspect=4 / 3, scale=0.34, thickness=2.0, thickness_units="screen",
             color=(235, 235, 235), wxyz=(0.5, -0.5, 0.5, -0.5), format="jpeg", jpeg_quality=70, visible=False,
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -33,9 +34,12 @@ _ROAD_Z_M = 0.03
 
 
 class Scene:
-    """The 3D scene of one site, for any number of windows."""
+    """The 3D scene of one site, for any number of windows.
 
-    def __init__(self, services: Services) -> None:
+    ``tick_s`` is the time between two looks at model and hub; with None, somebody else calls :meth:`tick`.
+    """
+
+    def __init__(self, services: Services, tick_s: float | None = TICK_S) -> None:
         self._services = services
         site = services.model.site
         self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb)
@@ -44,7 +48,7 @@ class Scene:
             _log.warning("%s", self.cloud.sentence)
         self.embedded = EmbeddedViser()
         self.views: dict[int, SessionView] = {}
-        self._unsubscribe: dict[int, object] = {}
+        self._unsubscribe: dict[int, Callable[[], None]] = {}
         self._trails: dict[str, Trail] = {}
         self._silhouettes: dict[str, tuple[DepthImage, NDArray[np.uint8] | None]] = {}
         server = self.embedded.server
@@ -52,11 +56,14 @@ class Scene:
         draw_map(server, self.cloud, self.bounds, services.model.network.polylines())
         server.on_client_connect(self._connected)
         server.on_client_disconnect(self._disconnected)
-        self._ticking = asyncio.run_coroutine_threadsafe(self._tick_for_ever(), self.embedded.loop)
+        self._ticking = None
+        if tick_s is not None:
+            self._ticking = asyncio.run_coroutine_threadsafe(self._tick_for_ever(tick_s), self.embedded.loop)
 
     def stop(self) -> None:
         """End all windows and the scene's own thread."""
-        self._ticking.cancel()
+        if self._ticking is not None:
+            self._ticking.cancel()
         self.embedded.stop()
 
     # ----------------------------------------------------------------------------------------------- windows
@@ -77,14 +84,14 @@ class Scene:
     async def _disconnected(self, client: viser.ClientHandle) -> None:
         self.views.pop(client.client_id, None)
         unsubscribe = self._unsubscribe.pop(client.client_id, None)
-        if callable(unsubscribe):
+        if unsubscribe is not None:
             unsubscribe()
 
     # -------------------------------------------------------------------------------------------------- time
-    async def _tick_for_ever(self) -> None:
+    async def _tick_for_ever(self, tick_s: float) -> None:
         while True:
             self.tick()
-            await asyncio.sleep(TICK_S)
+            await asyncio.sleep(tick_s)
 
     def tick(self) -> None:
         """Bring every window in line with model and hub. Called in the scene's loop."""

@@ -13,7 +13,7 @@ from console.viewer.live_view import LiveView
 from console.viewer.widgets import nothing, on_change, on_choice
 from console.viewer.wording import card
 
-_FOLLOW_BACK_M, _FOLLOW_UP_M = 4.5, 3.6
+_FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
 
 
 class CameraMode(enum.Enum):

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from device_agent.cli import main
 from device_agent.simulation.building import Building, renderer_of
 from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
+from device_agent.simulation.walk import record_walk
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site
 from navcore.types import CameraIntrinsics
@@ -76,3 +78,19 @@ def office() -> Building:
 def office_renderer(office: Building) -> Renderer:
     """Renders the office floor; painting its pictures takes seconds, so all tests share one."""
     return renderer_of(office)
+
+
+@pytest.fixture(scope="session")
+def office_recording(office: Building, office_renderer: Renderer, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The sighted person's walk from the hall to the wash room, recorded: camera, noise and gait as in the demo."""
+    folder = tmp_path_factory.mktemp("office") / "recording"
+    record_walk(folder, seed=0, max_length_m=20.0, building=office, renderer=office_renderer)
+    return folder
+
+
+@pytest.fixture(scope="session")
+def office_site(office_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The site that ``vbr map build`` makes of that recording."""
+    folder = tmp_path_factory.mktemp("office-site") / "site"
+    assert main(["map", "build", str(office_recording), "--site", str(folder), "--name", "Office floor"]) == 0
+    return folder

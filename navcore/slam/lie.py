@@ -30,13 +30,19 @@ def skew(v: FloatArray) -> FloatArray:
 
 
 @kernel
-def exp_so3(phi: FloatArray) -> FloatArray:
-    """Return the rotation matrix (3, 3) of a rotation vector (3,), radians (Rodrigues)."""
-    angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
-    if angle < SMALL_ANGLE_RAD:
-        a, b = 1.0, 0.5
-    else:
-        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle)
+def product(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Return the matrix product of small C-contiguous matrices; compiles in a fraction of what a BLAS call takes."""
+    out = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            for j in range(b.shape[1]):
+                out[i, j] += a[i, k] * b[k, j]
+    return out
+
+
+@kernel
+def _series(phi: FloatArray, a: float, b: float) -> FloatArray:
+    """Return I + a [φ] + b [φ]² (3, 3), [φ] being the matrix of the cross product: what SO(3) is written in."""
     x, y, z = phi[0], phi[1], phi[2]
     r = np.empty((3, 3))
     r[0, 0] = 1.0 - b * (y * y + z * z)
@@ -52,8 +58,17 @@ def exp_so3(phi: FloatArray) -> FloatArray:
 
 
 @kernel
+def exp_so3(phi: FloatArray) -> FloatArray:
+    """Return the rotation matrix (3, 3) of a rotation vector (3,), radians (Rodrigues)."""
+    angle = math.sqrt(phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2])
+    if angle < SMALL_ANGLE_RAD:
+        return _series(phi, 1.0, 0.5)
+    return _series(phi, math.sin(angle) / angle, (1.0 - math.cos(angle)) / (angle * angle))
+
+
+@kernel
 def log_so3(r: FloatArray) -> FloatArray:
-    """Return the rotation vector (3,), radians, of a rotation matrix (3, 3)."""
+    """Return the rotation vector (3,), radians, of a rotation matrix (3, 3), or of the rotation of a pose (4, 4)."""
     phi = np.empty(3)
     phi[0] = 0.5 * (r[2, 1] - r[1, 2])
     phi[1] = 0.5 * (r[0, 2] - r[2, 0])
@@ -62,7 +77,9 @@ def log_so3(r: FloatArray) -> FloatArray:
     cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > 1e-6:
-        return phi * (angle / sine)
+        for i in range(3):
+            phi[i] *= angle / sine
+        return phi
     if cosine > 0.0:
         return phi
     # Half a turn: the axis is the largest column of (R + I) / 2.
@@ -75,7 +92,9 @@ def log_so3(r: FloatArray) -> FloatArray:
         axis[i] = 0.5 * r[i, k] + (0.5 if i == k else 0.0)
     norm = math.sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2])
     sign = 1.0 if phi[0] * axis[0] + phi[1] * axis[1] + phi[2] * axis[2] >= 0.0 else -1.0
-    return axis * (sign * angle / norm)
+    for i in range(3):
+        axis[i] *= sign * angle / norm
+    return axis
 
 
 @kernel
@@ -86,8 +105,7 @@ def _left_jacobian_so3(phi: FloatArray) -> FloatArray:
     else:
         angle = math.sqrt(angle2)
         a, b = (1.0 - math.cos(angle)) / angle2, (angle - math.sin(angle)) / (angle2 * angle)
-    s = skew(phi)
-    return np.asarray(np.eye(3) + a * s + b * (s @ s))
+    return _series(phi, a, b)
 
 
 @kernel
@@ -98,34 +116,42 @@ def _left_jacobian_inverse_so3(phi: FloatArray) -> FloatArray:
     else:
         angle = math.sqrt(angle2)
         b = 1.0 / angle2 - (1.0 + math.cos(angle)) / (2.0 * angle * math.sin(angle))
-    s = skew(phi)
-    return np.asarray(np.eye(3) - 0.5 * s + b * (s @ s))
+    return _series(phi, -0.5, b)
 
 
 @kernel
 def exp_se3(xi: FloatArray) -> FloatArray:
     """Return the pose (4, 4) of a twist (6,) ordered (translation, rotation)."""
-    pose = np.eye(4)
     phi = xi[3:].copy()
-    pose[:3, :3] = exp_so3(phi)
-    pose[:3, 3] = _left_jacobian_so3(phi) @ xi[:3].copy()
+    rotation = exp_so3(phi)
+    jacobian = _left_jacobian_so3(phi)
+    pose = np.zeros((4, 4))
+    pose[3, 3] = 1.0
+    for i in range(3):
+        for j in range(3):
+            pose[i, j] = rotation[i, j]
+            pose[i, 3] += jacobian[i, j] * xi[j]
     return pose
 
 
 @kernel
 def log_se3(pose: FloatArray) -> FloatArray:
     """Return the twist (6,) ordered (translation, rotation) of a pose (4, 4)."""
-    xi = np.empty(6)
-    phi = log_so3(np.ascontiguousarray(pose[:3, :3]))
-    xi[:3] = _left_jacobian_inverse_so3(phi) @ pose[:3, 3].copy()
-    xi[3:] = phi
+    phi = log_so3(pose)
+    jacobian = _left_jacobian_inverse_so3(phi)
+    xi = np.zeros(6)
+    for i in range(3):
+        xi[3 + i] = phi[i]
+        for j in range(3):
+            xi[i] += jacobian[i, j] * pose[j, 3]
     return xi
 
 
 @kernel
 def inverse_se3(pose: FloatArray) -> FloatArray:
     """Return the inverse of a rigid pose (4, 4)."""
-    out = np.eye(4)
+    out = np.zeros((4, 4))
+    out[3, 3] = 1.0
     for i in range(3):
         s = 0.0
         for k in range(3):
@@ -138,11 +164,14 @@ def inverse_se3(pose: FloatArray) -> FloatArray:
 @kernel
 def adjoint_se3(pose: FloatArray) -> FloatArray:
     """Return Ad(T) (6, 6) with ``T exp(ξ) = exp(Ad(T) ξ) T`` for a pose T (4, 4)."""
-    rotation = np.ascontiguousarray(pose[:3, :3])
+    cross = skew(pose[:3, 3])
     out = np.zeros((6, 6))
-    out[:3, :3] = rotation
-    out[3:, 3:] = rotation
-    out[:3, 3:] = skew(pose[:3, 3].copy()) @ rotation
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = pose[i, j]
+            out[3 + i, 3 + j] = pose[i, j]
+            for k in range(3):
+                out[i, 3 + j] += cross[i, k] * pose[k, j]
     return out
 
 

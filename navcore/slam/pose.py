@@ -191,58 +191,73 @@ def align_ransac(
 @kernel
 def _frame_of_triple(p: FloatArray, q: FloatArray, r: FloatArray, frame: FloatArray) -> bool:
     """Write three orthonormal axes (rows) fixed to three points; False where they lie on a line."""
-    x = q - p
-    length = math.sqrt(np.sum(x * x))
-    if length < 1e-6:
+    length2 = 0.0
+    along = 0.0
+    for k in range(3):
+        frame[0, k] = q[k] - p[k]
+        frame[1, k] = r[k] - p[k]
+        length2 += frame[0, k] * frame[0, k]
+        along += frame[0, k] * frame[1, k]
+    if length2 < 1e-12:
         return False
-    x /= length
-    y = r - p
-    y -= np.sum(x * y) * x
-    height = math.sqrt(np.sum(y * y))
-    if height < 1e-3 * length:
+    height2 = 0.0
+    for k in range(3):
+        frame[1, k] -= along / length2 * frame[0, k]
+        height2 += frame[1, k] * frame[1, k]
+    if height2 < 1e-6 * length2:
         return False
-    y /= height
-    frame[0] = x
-    frame[1] = y
-    frame[2, 0] = x[1] * y[2] - x[2] * y[1]
-    frame[2, 1] = x[2] * y[0] - x[0] * y[2]
-    frame[2, 2] = x[0] * y[1] - x[1] * y[0]
+    for k in range(3):
+        frame[0, k] /= math.sqrt(length2)
+        frame[1, k] /= math.sqrt(height2)
+    _fill_third_axis(frame)
     return True
+
+
+@kernel
+def _fill_third_axis(frame: FloatArray) -> None:
+    """Write the third row as the cross product of the first two."""
+    for k in range(3):
+        i, j = (k + 1) % 3, (k + 2) % 3
+        frame[2, k] = frame[0, i] * frame[1, j] - frame[0, j] * frame[1, i]
 
 
 @kernel
 def _best_of_triples(a: FloatArray, b: FloatArray, limit2: FloatArray, triples: NDArray[np.int64]) -> BoolArray:
     """Return which pairs agree (n,) with the motion, given by three of them, with which most agree."""
     best_count = 0
-    best = np.zeros((3, 3))
-    best_shift = np.zeros(3)
+    best = np.zeros((3, 4))
+    trial = np.zeros((3, 4))
     frame_a = np.empty((3, 3))
     frame_b = np.empty((3, 3))
     for t in range(len(triples)):
-        i, j, k = triples[t]
+        i, j, k = triples[t, 0], triples[t, 1], triples[t, 2]
         if not (_frame_of_triple(a[i], a[j], a[k], frame_a) and _frame_of_triple(b[i], b[j], b[k], frame_b)):
             continue
-        rotation = frame_a.T @ frame_b
-        shift = (a[i] + a[j] + a[k]) / 3.0 - rotation @ ((b[i] + b[j] + b[k]) / 3.0)
+        for r in range(3):
+            trial[r, 3] = (a[i, r] + a[j, r] + a[k, r]) / 3.0
+            for c in range(3):
+                trial[r, c] = (
+                    frame_a[0, r] * frame_b[0, c] + frame_a[1, r] * frame_b[1, c] + frame_a[2, r] * frame_b[2, c]
+                )
+                trial[r, 3] -= trial[r, c] * (b[i, c] + b[j, c] + b[k, c]) / 3.0
         count = 0
         for n in range(len(a)):
-            if _pair_error(a[n], b[n], rotation, shift) <= limit2[n]:
+            if _pair_error(a[n], b[n], trial) <= limit2[n]:
                 count += 1
         if count > best_count:
             best_count = count
-            best[:, :] = rotation
-            best_shift[:] = shift
+            best[:, :] = trial
     inliers = np.zeros(len(a), dtype=np.bool_)
     for n in range(len(a)):
-        inliers[n] = best_count > 0 and _pair_error(a[n], b[n], best, best_shift) <= limit2[n]
+        inliers[n] = best_count > 0 and _pair_error(a[n], b[n], best) <= limit2[n]
     return inliers
 
 
 @kernel
-def _pair_error(a: FloatArray, b: FloatArray, rotation: FloatArray, shift: FloatArray) -> float:
+def _pair_error(a: FloatArray, b: FloatArray, transform: FloatArray) -> float:
     total = 0.0
     for r in range(3):
-        e = rotation[r, 0] * b[0] + rotation[r, 1] * b[1] + rotation[r, 2] * b[2] + shift[r] - a[r]
+        e = transform[r, 0] * b[0] + transform[r, 1] * b[1] + transform[r, 2] * b[2] + transform[r, 3] - a[r]
         total += e * e
     return total
 
@@ -408,6 +423,25 @@ def _solve6(h: FloatArray, g: FloatArray, damping: float, step: FloatArray) -> b
 
 
 @kernel
+def _orthonormalize(pose: FloatArray) -> None:
+    """Make the rotation one again: many small rotations multiplied together drift away from it."""
+    length2 = 0.0
+    for k in range(3):
+        length2 += pose[0, k] * pose[0, k]
+    along = 0.0
+    for k in range(3):
+        pose[0, k] /= math.sqrt(length2)
+        along += pose[0, k] * pose[1, k]
+    height2 = 0.0
+    for k in range(3):
+        pose[1, k] -= along * pose[0, k]
+        height2 += pose[1, k] * pose[1, k]
+    for k in range(3):
+        pose[1, k] /= math.sqrt(height2)
+    _fill_third_axis(pose)
+
+
+@kernel
 def _refine(  # noqa: C901
     pose: FloatArray,
     points: FloatArray,
@@ -474,15 +508,7 @@ def _refine(  # noqa: C901
         _normal_equations(pose, points, observations, inv_sigma2, used, False, fx, fy, cx, cy, bf, h, g)
     else:
         h[:, :] = 0.0
-    # Many small rotations multiplied together drift away from a rotation.
-    x = pose[0, :3] / math.sqrt(np.sum(pose[0, :3] ** 2))
-    y = pose[1, :3] - x * np.sum(x * pose[1, :3])
-    y /= math.sqrt(np.sum(y * y))
-    pose[0, :3] = x
-    pose[1, :3] = y
-    pose[2, 0] = x[1] * y[2] - x[2] * y[1]
-    pose[2, 1] = x[2] * y[0] - x[0] * y[2]
-    pose[2, 2] = x[0] * y[1] - x[1] * y[0]
+    _orthonormalize(pose)
     return pose, used, h
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
-from navcore.slam.lie import adjoint_se3, exp_se3, inverse_se3, log_se3, skew
+from navcore.slam.lie import adjoint_se3, exp_se3, inverse_se3, log_se3, product, skew
 from navcore.slam.reduced_system import solve_reduced
 
 BoolArray = NDArray[np.bool_]
@@ -114,28 +114,41 @@ def _pattern(i: Int32Array, j: Int32Array, count: int) -> tuple[Int32Array, Int3
 @kernel
 def edge_error(pose_i: FloatArray, pose_j: FloatArray, relative: FloatArray) -> FloatArray:
     """Return the twist (6,) by which ``pose_i @ inverse(pose_j)`` differs from the measured relative pose."""
-    return log_se3(inverse_se3(relative) @ pose_i @ inverse_se3(pose_j))
+    return log_se3(product(product(inverse_se3(relative), pose_i), inverse_se3(pose_j)))
 
 
 @kernel
 def _left_jacobian_inverse(xi: FloatArray) -> FloatArray:
     """The series I − ad/2 + ad²/12 of the inverse left Jacobian of SE(3), exact enough below half a radian."""
     ad = np.zeros((6, 6))
-    rotation = skew(xi[3:].copy())
-    ad[:3, :3] = rotation
-    ad[3:, 3:] = rotation
-    ad[:3, 3:] = skew(xi[:3].copy())
-    square = ad @ ad
-    return np.eye(6) - 0.5 * ad + square / 12.0 - (square @ square) / 720.0
+    rotation, translation = skew(xi[3:]), skew(xi[:3])
+    for i in range(3):
+        for j in range(3):
+            ad[i, j] = rotation[i, j]
+            ad[3 + i, 3 + j] = rotation[i, j]
+            ad[i, 3 + j] = translation[i, j]
+    square = product(ad, ad)
+    fourth = product(square, square)
+    out = np.empty((6, 6))
+    for i in range(6):
+        for j in range(6):
+            out[i, j] = -0.5 * ad[i, j] + square[i, j] / 12.0 - fourth[i, j] / 720.0
+        out[i, i] += 1.0
+    return out
 
 
 @kernel
 def edge_jacobians(pose_i: FloatArray, pose_j: FloatArray, relative: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the Jacobians (6, 6) of :func:`edge_error` by left-multiplied twists of pose i and of pose j."""
     error = edge_error(pose_i, pose_j, relative)
-    jacobian_i = _left_jacobian_inverse(error) @ adjoint_se3(inverse_se3(relative))
+    jacobian_i = product(_left_jacobian_inverse(error), adjoint_se3(inverse_se3(relative)))
+    for k in range(6):
+        error[k] = -error[k]
     # The right Jacobian at e is the left one at −e.
-    jacobian_j = -_left_jacobian_inverse(-error)
+    jacobian_j = _left_jacobian_inverse(error)
+    for i in range(6):
+        for k in range(6):
+            jacobian_j[i, k] = -jacobian_j[i, k]
     return jacobian_i, jacobian_j
 
 
@@ -146,8 +159,25 @@ def _cost(
     total = 0.0
     for e in range(len(edge_i)):
         error = edge_error(poses[edge_i[e]], poses[edge_j[e]], relative[e])
-        total += weights[e] * np.sum(error * error)
+        for k in range(6):
+            total += weights[e] * error[k] * error[k]
     return total
+
+
+@kernel
+def _add_product(out: FloatArray, weight: float, a: FloatArray, b: FloatArray) -> None:
+    """Add weight · aᵀ b (6, 6)."""
+    for i in range(6):
+        for j in range(6):
+            for k in range(6):
+                out[i, j] += weight * a[k, i] * b[k, j]
+
+
+@kernel
+def _add_gradient(out: FloatArray, weight: float, jacobian: FloatArray, error: FloatArray) -> None:
+    for i in range(6):
+        for k in range(6):
+            out[i] += weight * jacobian[k, i] * error[k]
 
 
 @kernel
@@ -171,14 +201,16 @@ def _linearize(
         i, j = free[edge_i[e]], free[edge_j[e]]
         w = weights[e]
         if i >= 0:
-            blocks[i] += w * (jacobian_i.T @ jacobian_i)
-            gradient[i] += w * (jacobian_i.T @ error)
+            _add_product(blocks[i], w, jacobian_i, jacobian_i)
+            _add_gradient(gradient[i], w, jacobian_i, error)
         if j >= 0:
-            blocks[j] += w * (jacobian_j.T @ jacobian_j)
-            gradient[j] += w * (jacobian_j.T @ error)
+            _add_product(blocks[j], w, jacobian_j, jacobian_j)
+            _add_gradient(gradient[j], w, jacobian_j, error)
         if i >= 0 and j >= 0 and i != j:
-            coupling = w * (jacobian_i.T @ jacobian_j)
-            blocks[edge_block[e]] += coupling if i < j else coupling.T
+            if i < j:
+                _add_product(blocks[edge_block[e]], w, jacobian_i, jacobian_j)
+            else:
+                _add_product(blocks[edge_block[e]], w, jacobian_j, jacobian_i)
     return blocks, gradient
 
 
@@ -187,7 +219,7 @@ def _step(poses: FloatArray, free: Int32Array, step: FloatArray) -> FloatArray:
     out = poses.copy()
     for k in range(len(poses)):
         if free[k] >= 0:
-            out[k] = exp_se3(step[free[k]]) @ poses[k]
+            out[k] = product(exp_se3(step[free[k]]), poses[k])
     return out
 
 

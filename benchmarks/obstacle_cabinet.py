@@ -91,12 +91,14 @@ def judge(found: ObstacleScan, pose: Transform, boxes: list[Box]) -> FrameResult
     is_floor = ~np.isfinite(truth) & ~np.isfinite(beside[0]) & ~np.isfinite(beside[1])
     seen = (found.state == BearingState.OBSTACLE) | (found.state == BearingState.DROP)
     nearest = np.where(seen, found.nearest_m, np.inf)
-    agrees = is_box & (np.abs(nearest - truth) < _AGREES_M)
+    both = is_box & np.isfinite(nearest)
+    agrees = both.copy()
+    agrees[both] = np.abs(nearest[both] - truth[both]) < _AGREES_M
     # What stands farther away than the box's surroundings is the room, not the floor.
     false = is_floor & (nearest < _floor_reach_m(truth))
     distance = bearing_error = None
     if agrees.any():
-        distance = float(np.median((nearest - truth)[agrees]))
+        distance = float(np.median(nearest[agrees] - truth[agrees]))
         edge = bearing[np.isfinite(truth)]
         found_edge = bearing[seen & (np.abs(nearest - np.nanmin(truth)) < 1.0)]
         if len(found_edge):

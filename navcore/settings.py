@@ -66,8 +66,9 @@ class PlanningSettings(_Group):
 class ObstacleSettings(_Group):
     """Obstacle detection."""
 
-    clearance_m: float = _setting(3.0, 1.0, 4.0, step=0.1, source="closed-loop trials; reference [13]: 2 m", safety=True)
-    """δ of the depth camera, farther than the gate's: who hears 2 m ahead has 1 m left when they react. A direction is walkable when it is free up to here (or a margin past a nearer sub-goal)."""
+    clearance_m: float = _setting(3.0, 1.0, 4.0, step=0.1, source="closed-loop trials; [13]: 2 m", safety=True)
+    """δ of depth: a direction is walkable when it is free up to here (or up to the sub-goal and a margin, where that is
+    nearer). More than the gate's: who hears of an obstacle at 2 m has 1 m left when they have reacted."""
     narrow_clearance_m: float = _setting(1.2, 0.8, 4.0, step=0.1, source="closed-loop trials", safety=True)
     """Where no direction is free for δ, somebody who stands may begin to walk in one that is free for this."""
     stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="navigation.md", safety=True)

@@ -246,7 +246,9 @@ def _best_of_triples(a: FloatArray, b: FloatArray, limit2: FloatArray, triples: 
                 count += 1
         if count > best_count:
             best_count = count
-            best[:, :] = trial
+            for r in range(3):
+                for c in range(4):
+                    best[r, c] = trial[r, c]
     inliers = np.zeros(len(a), dtype=np.bool_)
     for n in range(len(a)):
         inliers[n] = best_count > 0 and _pair_error(a[n], b[n], best) <= limit2[n]
@@ -311,6 +313,14 @@ def _robust_cost(
 
 
 @kernel
+def _clear(h: FloatArray, g: FloatArray) -> None:
+    for k in range(6):
+        g[k] = 0.0
+        for m in range(6):
+            h[k, m] = 0.0
+
+
+@kernel
 def _normal_equations(
     pose: FloatArray,
     points: FloatArray,
@@ -327,8 +337,7 @@ def _normal_equations(
     g: FloatArray,
 ) -> None:
     """Fill h (6, 6) = Σ JᵀWJ and g (6,) = Σ JᵀWe over the used observations."""
-    h[:, :] = 0.0
-    g[:] = 0.0
+    _clear(h, g)
     j = np.empty((3, 6))
     e = np.empty(3)
     for i in range(points.shape[0]):
@@ -442,7 +451,81 @@ def _orthonormalize(pose: FloatArray) -> None:
 
 
 @kernel
-def _refine(  # noqa: C901
+def _descend(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    used: BoolArray,
+    robust: bool,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    bf: float,
+) -> None:
+    """One round of Levenberg–Marquardt on the used observations, in place."""
+    h = np.empty((6, 6))
+    g = np.empty(6)
+    step = np.empty(6)
+    trial = np.empty((4, 4))
+    damping = 1e-5
+    cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+    is_linearized = False
+    for _ in range(_ITERATIONS):
+        if not is_linearized:
+            _normal_equations(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf, h, g)
+            is_linearized = True
+        gain = -1.0
+        length2 = np.inf
+        trial_cost = cost
+        if _solve6(h, g, damping, step):
+            update_pose(pose, step, trial)
+            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+            gain = cost - trial_cost
+            length2 = 0.0
+            for k in range(6):
+                length2 += step[k] * step[k]
+        if gain >= 0.0:
+            for i in range(3):
+                for j in range(4):
+                    pose[i, j] = trial[i, j]
+            cost = trial_cost
+            is_linearized = False
+        damping = max(damping * 0.1, 1e-9) if gain >= 0.0 else max(damping * 10.0, 1e-5)
+        converged = 0.0 <= gain < 1e-4 * cost
+        if converged or length2 < _STEP_DONE * _STEP_DONE or damping > 1e3:
+            break
+
+
+@kernel
+def _reclassify(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    inv_sigma2: FloatArray,
+    used: BoolArray,
+    fx: float,
+    fy: float,
+    cx: float,
+    cy: float,
+    bf: float,
+) -> tuple[int, bool]:
+    """Decide anew which observations are inliers; return how many are, and whether any changed sides."""
+    changed = False
+    count = 0
+    for i in range(len(points)):
+        limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
+        inside = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf) <= limit
+        changed = changed or inside != used[i]
+        used[i] = inside
+        if inside:
+            count += 1
+    return count, changed
+
+
+@kernel
+def _refine(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
@@ -453,62 +536,17 @@ def _refine(  # noqa: C901
     cy: float,
     bf: float,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    n = points.shape[0]
-    used = np.ones(n, dtype=np.bool_)
-    h = np.zeros((6, 6))
-    g = np.zeros(6)
-    step = np.zeros(6)
-    trial = np.eye(4)
-    inlier_count = n
+    used = np.ones(len(points), dtype=np.bool_)
     for round_index in range(_ROUNDS):
         robust = round_index < _ROUNDS - 2
-        damping = 1e-5
-        cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
-        fresh = False
-        for _ in range(_ITERATIONS):
-            if not fresh:
-                _normal_equations(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf, h, g)
-                fresh = True
-            if not _solve6(h, g, damping, step):
-                damping = max(damping * 10.0, 1e-5)
-                if damping > 1e3:
-                    break
-                continue
-            update_pose(pose, step, trial)
-            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
-            length = 0.0
-            for k in range(6):
-                length += step[k] * step[k]
-            if trial_cost <= cost:
-                gain = cost - trial_cost
-                pose[:, :] = trial
-                cost = trial_cost
-                damping = max(damping * 0.1, 1e-9)
-                fresh = False
-                if length < _STEP_DONE * _STEP_DONE or gain < 1e-4 * cost:
-                    break
-            else:
-                damping = max(damping * 10.0, 1e-5)
-                if length < _STEP_DONE * _STEP_DONE or damping > 1e3:
-                    break
-        before = inlier_count
-        changed = False
-        inlier_count = 0
-        for i in range(n):
-            limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-            inside = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf) <= limit
-            if inside != used[i]:
-                changed = True
-            used[i] = inside
-            if inside:
-                inlier_count += 1
-        if inlier_count < MIN_OBSERVATIONS or (not changed and not robust and before == inlier_count):
+        _descend(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+        count, changed = _reclassify(pose, points, observations, inv_sigma2, used, fx, fy, cx, cy, bf)
+        if count < MIN_OBSERVATIONS or not (changed or robust):
             break
-    if inlier_count > 0:
-        _normal_equations(pose, points, observations, inv_sigma2, used, False, fx, fy, cx, cy, bf, h, g)
-    else:
-        h[:, :] = 0.0
     _orthonormalize(pose)
+    h = np.zeros((6, 6))
+    g = np.zeros(6)
+    _normal_equations(pose, points, observations, inv_sigma2, used, False, fx, fy, cx, cy, bf, h, g)
     return pose, used, h
 
 

@@ -56,6 +56,7 @@ class SessionView:
         self._build_panel(bounds, cloud)
         client.scene.on_click()(self._click_floor)  # type: ignore[arg-type]
         self._add_shortcuts()
+        self.view_panel.fit_first_view()
         self.refresh()
 
     # ------------------------------------------------------------------------------------------------- panel

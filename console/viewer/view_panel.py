@@ -57,6 +57,12 @@ class ViewPanel:
 
         on_change(box, toggle, nothing)
 
+    def fit_first_view(self) -> None:
+        """Show the whole floor in this very window, unless its camera has been moved already (after a reconnect)."""
+        first = overview(self._bounds)
+        if np.allclose(self._client.camera.position, first.position_m, atol=0.05):
+            self.overview()
+
     def overview(self) -> None:
         """Show the whole floor at an angle."""
         self.mode = CameraMode.FREE

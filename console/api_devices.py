@@ -25,34 +25,33 @@ def add_routes(app: FastAPI, services: Services) -> None:
 def _add_command_routes(app: FastAPI, services: Services) -> None:
     hub = services.hub
 
-    def asked(visitor: Visitor, device_id: str, command: Command) -> Response:
-        services.store.audit(visitor.user_name, f"device_{command.kind}", f"{device_id} {command.detail}")
+    def asked(command: Command) -> Response:
         return json_response({"command": command}, 202)
 
     @app.post("/api/devices/{device_id}/destination")
     def destination(visitor: Visitor, device_id: str, body: DestinationBody) -> Response:
         if body.poi_id not in services.model.published.pois:
             raise NotFoundError("There is no such place in the published map: publish the draft first.")
-        return asked(visitor, device_id, hub.set_destination(device_id, body.poi_id, visitor.user_name))
+        return asked(hub.set_destination(device_id, body.poi_id, visitor.user_name))
 
     @app.post("/api/devices/{device_id}/clear")
     def clear(visitor: Visitor, device_id: str) -> Response:
-        return asked(visitor, device_id, hub.clear(device_id, visitor.user_name))
+        return asked(hub.clear(device_id, visitor.user_name))
 
     @app.post("/api/devices/{device_id}/pause")
     def pause(visitor: Visitor, device_id: str) -> Response:
-        return asked(visitor, device_id, hub.pause(device_id, visitor.user_name))
+        return asked(hub.pause(device_id, visitor.user_name))
 
     @app.post("/api/devices/{device_id}/resume")
     def resume(visitor: Visitor, device_id: str) -> Response:
-        return asked(visitor, device_id, hub.resume(device_id, visitor.user_name))
+        return asked(hub.resume(device_id, visitor.user_name))
 
     @app.post("/api/devices/{device_id}/say")
     def say(visitor: Visitor, device_id: str, body: SayBody) -> Response:
         text = " ".join(body.text.split())
         if not text or not text.isprintable():
             raise BadRequestError("There is nothing to say in this message: write a sentence.")
-        return asked(visitor, device_id, hub.say(device_id, text, visitor.user_name))
+        return asked(hub.say(device_id, text, visitor.user_name))
 
     @app.get("/api/devices/{device_id}/depth.jpg")
     def depth_image(device_id: str) -> Response:

@@ -72,6 +72,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._listeners: list[Listener] = []
         self._command_ids = itertools.count(1)
+        self.on_command: Callable[[str, Command], None] = _nothing
+        """Called with device and command before it is sent, whoever asks: the audit log."""
 
     # ------------------------------------------------------------------------------------------------ reading
     def devices(self) -> tuple[LiveDevice, ...]:
@@ -211,6 +213,7 @@ class DeviceHub:
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s())
             earlier = tuple(superseded(old, command) for old in device.commands[-COMMANDS_KEPT_COUNT + 1 :])
             self._put(replace(device, commands=(*earlier, command)))
+        self.on_command(device_id, command)
         outlet.send(message)
         return command
 
@@ -244,3 +247,7 @@ class DeviceHub:
                 return replace(device, clock_offset_s=clock.offset_s, round_trip_s=clock.round_trip_s)
             case Hello():
                 return replace(device, hello=message)
+
+
+def _nothing(device_id: str, command: Command) -> None:
+    """Nobody keeps a log."""

@@ -8,6 +8,7 @@ from console.accounts import Accounts
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.hub import DeviceHub
+from console.live import Command
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
 from console.sockets import SessionSockets
@@ -48,7 +49,11 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         if change.kind == "publish":
             hub.offer_graph(model.published, package.checksum)
 
+    def commanded(device_id: str, command: Command) -> None:
+        store.audit(command.who, f"device_{command.kind}", f"{device_id} {command.detail}")
+
     model.subscribe(model_changed)
+    hub.on_command = commanded
     accounts = Accounts(store, hub.now_s, session_ended)
     devices = DeviceStore(store)
     tuning = Tuning(devices, hub)

@@ -205,6 +205,18 @@ def test_a_destination_is_taken_or_refused(server: ConsoleServer, admin: Person,
     assert asked(admin, "destination", {"poi_id": "nowhere"}).status_code == 404
 
 
+def test_every_order_is_in_the_audit_log_whoever_gives_it(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    server.services.hub.set_destination("glasses", "b", "Somebody in the scene")
+    asked(admin, "clear").raise_for_status()
+    lines = [
+        (line["who"], line["action"], line["detail"].strip()) for line in admin.http.get("/api/audit").json()["audit"]
+    ]
+    assert ("Somebody in the scene", "device_set_destination", "glasses b") in lines
+    assert ("Ada", "device_clear", "glasses") in lines
+
+
 def test_pause_resume_clear_and_say_are_seen_to_run(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:

@@ -49,6 +49,7 @@ _OBSTACLE_REASONS = frozenset(
     {Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE, Reason.DEPTH_INVALID}
 )
 """Stops that the walker leaves only after several free frames."""
+_TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
 """Somebody who is led round something may head this far from the expected direction before they are turned back."""
 
@@ -165,12 +166,12 @@ def _choose(
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     stop_m = settings.obstacle.stop_distance_m
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
-        reason = _blocking_reason(cycle, 0.0, required_m)
+        reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
     if trace.sonar_m is not None and trace.sonar_m < stop_m:
         return _before_echo(cycle, error, trace, "echo nearer than the stop distance")
     if best is None or narrows:
-        reason = _blocking_reason(cycle, error, required_m)
+        reason = _blocking_reason(cycle, error)
         return _before_obstacle(
             cycle, error, trace, reason, f"D is empty: nothing is free for {trace.required_m:.1f} m"
         )
@@ -296,10 +297,10 @@ def _last_direction(cycle: _Cycle, heading: WorldAngle) -> RelativeAngle | None:
     return relative_to(in_world(before.direction, before.trace.heading), heading)
 
 
-def _blocking_reason(cycle: _Cycle, towards: float, required_m: float) -> Reason:
+def _blocking_reason(cycle: _Cycle, towards: float) -> Reason:
     """Why a direction is closed: a drop, something seen, or nothing seen at all."""
     scan = cycle.scan
-    near = (abs(scan.bearing_rad - towards) < math.radians(15.0)) & (scan.nearest_m < required_m)
+    near = (abs(scan.bearing_rad - towards) < _TOWARDS_RAD) & (scan.nearest_m < cycle.settings.obstacle.clearance_m)
     if bool((near & (scan.state == BearingState.DROP)).any()):
         return Reason.DROP_AHEAD
     if bool((near & (scan.state == BearingState.OBSTACLE)).any()):

@@ -1,0 +1,151 @@
+"""The order of the checks in guidance, and its memory."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image, route_along
+
+from navcore.geometry import world_from_camera_at
+from navcore.guide import guide
+from navcore.obstacle.scan import scan
+from navcore.settings import Settings
+from navcore.types import (
+    Action,
+    Guidance,
+    Localization,
+    LocalizationQuality,
+    ObstacleScan,
+    Reason,
+    SonarReading,
+    SonarState,
+)
+
+SETTINGS = Settings()
+ROUTE = route_along((0, 0), (12, 0))
+FREE = (box(-20, -20, 20, -15),)
+
+
+def at(x_m: float, y_m: float = 0.0, heading_deg: float = 0.0, stamp_s: float = 0.0, quality: str = "localized"):
+    camera = world_from_camera_at((x_m, y_m, EYE_M), math.radians(heading_deg), PITCH_RAD)
+    return Localization(stamp_s, LocalizationQuality(quality), None if quality == "lost" else camera)
+
+
+def seen(located: Localization, *solids) -> ObstacleScan:
+    assert located.world_from_camera is not None
+    return scan(
+        depth_image((*FREE, *solids), located.world_from_camera), CAMERA, located.world_from_camera, SETTINGS.obstacle
+    )
+
+
+def decide(located: Localization, found: ObstacleScan, before: Guidance | None = None, **changes) -> Guidance:
+    sonar = changes.pop("sonar", SonarReading(located.stamp_s, SonarState.NO_ECHO))
+    route = changes.pop("route", ROUTE)
+    return guide(located.stamp_s, located, route, found, sonar, before, SETTINGS, **changes)
+
+
+def test_a_free_way_is_walked_straight_on():
+    here = at(2.0)
+    result = decide(here, seen(here))
+    assert (result.action, result.reason) == (Action.WALK, Reason.OK)
+    assert result.direction == pytest.approx(0.0)
+    assert result.trace.rule
+    assert result.trace.remaining_m == pytest.approx(10.0, abs=0.11)
+
+
+def test_paused_and_no_route_come_before_everything():
+    here = at(2.0)
+    assert decide(here, seen(here), paused=True).reason is Reason.PAUSED
+    assert decide(here, seen(here), route=None).reason is Reason.NO_ROUTE
+    assert decide(here, seen(here), route=None, paused=True).reason is Reason.PAUSED
+
+
+def test_a_lost_pose_stops_and_an_uncertain_one_carries_on_for_a_short_time():
+    here = at(2.0)
+    found = seen(here)
+    assert decide(at(2.0, quality="lost"), found).reason is Reason.POSE_LOST
+    result = None
+    for tenth in range(45):
+        result = decide(at(2.0, stamp_s=tenth / 10, quality="uncertain"), found, result)
+        within = tenth / 10 <= SETTINGS.localization.uncertain_hold_s
+        assert (result.action is Action.WALK) == within
+    assert result is not None
+    assert result.reason is Reason.POSE_LOST
+    assert decide(at(2.0, stamp_s=5.0), found, result).action is Action.WALK
+
+
+def test_arrival_is_final_for_this_route():
+    arrived = decide(at(11.5), seen(at(11.5)))
+    assert (arrived.action, arrived.reason) == (Action.STOP, Reason.ARRIVED)
+    drifted = at(10.5, stamp_s=0.1)
+    assert decide(drifted, seen(drifted), arrived).reason is Reason.ARRIVED
+    assert decide(drifted, seen(drifted), arrived, route_version=1).action is Action.WALK
+
+
+def test_who_faces_away_is_turned_on_the_spot_even_before_a_wall():
+    here = at(2.0, heading_deg=170)
+    result = decide(here, seen(here, box(1.0, -2, 1.5, 2)))
+    assert result.action is Action.TURN
+    assert math.degrees(result.direction or 0.0) == pytest.approx(-170, abs=1.0)
+
+
+def test_one_frame_stops_and_three_are_needed_to_leave():
+    here = at(2.0)
+    blocked, free = seen(here, box(2.6, -3, 3.0, 3)), seen(here)
+    walking = decide(here, free)
+    stopped = decide(at(2.0, stamp_s=0.1), blocked, walking)
+    assert (stopped.action, stopped.reason) == (Action.STOP, Reason.OBSTACLE_DEPTH)
+    result, actions = stopped, []
+    for frame in range(3):
+        result = decide(at(2.0, stamp_s=0.2 + frame / 10), free, result)
+        actions.append(result.action)
+    assert actions == [Action.STOP, Action.STOP, Action.WALK]
+
+
+def test_invalid_depth_stops():
+    here = at(2.0)
+    nothing = scan(np.full((120, 160), np.nan, np.float32), CAMERA, here.world_from_camera, SETTINGS.obstacle)
+    assert decide(here, nothing).reason is Reason.DEPTH_INVALID
+    broken = replace(seen(here), valid_fraction=math.nan)
+    assert decide(here, broken).reason is Reason.DEPTH_INVALID
+
+
+def test_a_drop_stops_and_says_so():
+    here = at(2.0)
+    assert here.world_from_camera is not None
+    depth = depth_image(FREE, here.world_from_camera)
+    # The floor ends two metres ahead, one step (0.25 m) down.
+    lower = depth_image(FREE, world_from_camera_at((2.0, 0.0, EYE_M + 0.25), 0.0, PITCH_RAD))
+    rows = np.arange(CAMERA.height_px)
+    depression = PITCH_RAD + np.arctan2(rows - CAMERA.cy_px, CAMERA.fy_px)
+    beyond = np.tan(np.maximum(depression, 1e-3)) < EYE_M / 2.0
+    depth[beyond] = lower[beyond]
+    found = scan(depth, CAMERA, here.world_from_camera, SETTINGS.obstacle)
+    assert found.nearest_ahead_m == pytest.approx(2.0, abs=0.25)
+    assert decide(here, found).reason is Reason.DROP_AHEAD
+
+
+def test_glass_is_heard_not_seen():
+    here = at(2.0)
+    found = seen(here)
+    glass = SonarReading(0.0, SonarState.OK, 1.5)
+    assert decide(here, found, sonar=glass).reason is Reason.OBSTACLE_SONAR
+    assert decide(here, found, sonar=SonarReading(-1.0, SonarState.OK, 1.5)).action is Action.WALK, "a stale echo"
+    assert decide(here, found, sonar=None).action is Action.WALK
+
+
+def test_guidance_is_a_pure_function():
+    here = at(3.0, 0.4, 12.0)
+    found = seen(here, box(5, -0.3, 5.5, 0.3))
+    assert decide(here, found) == decide(here, found)
+
+
+def test_the_memory_of_another_route_is_dropped():
+    here = at(2.0)
+    first = decide(here, seen(here), route_version=1)
+    stale = replace(first, trace=replace(first.trace, closest_index=119))
+    assert decide(here, seen(here), stale, route_version=2).trace.closest_index == 20
+    assert decide(here, seen(here), stale, route_version=1).trace.closest_index != 20

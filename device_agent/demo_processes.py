@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import shutil
 import signal
 import subprocess
@@ -11,7 +10,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from pathlib import Path
 
 from navcore.errors import VbrError
@@ -19,7 +18,6 @@ from navcore.site import load_poi_graph, map_checksum
 
 READY_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 10.0
-DEVICE_NICENESS = -10
 _POLL_S = 0.1
 
 
@@ -48,7 +46,6 @@ def run_live_demo(
             "--size", f"{size_px[0]}x{size_px[1]}", "--rate-hz", f"{rate_hz:g}",
         ]  # fmt: skip
         with _process(device_command) as device:
-            _prefer(device)
             _greet(ready, site)
             return _watch({"console": console, "device": device}, stop)
 
@@ -82,15 +79,6 @@ def _process(command: Sequence[str], quiet: bool = False) -> Iterator[subprocess
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
-
-
-def _prefer(device: subprocess.Popen[bytes]) -> None:
-    """Real glasses share their processor with nobody; here a browser that draws in software would starve the device.
-
-    Threads inherit the priority of the one that makes them, so that this comes first. Not everybody may do it.
-    """
-    with suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, device.pid, DEVICE_NICENESS)
 
 
 def _wait_ready(

@@ -19,6 +19,7 @@ from device_agent.map_download import staging_folder
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.sensors import Hardware, open_hardware
+from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
@@ -27,6 +28,9 @@ from navcore.obstacle.scan import scan
 from navcore.settings import Settings
 from navcore.site import load_site, map_checksum
 from navcore.wire import SetDestination
+
+_LONGEST_STEP_CYCLES = 1.5
+"""Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
 
 
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
@@ -38,17 +42,19 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
     warm_up()
-    clock = SystemClock()
+    real = SystemClock()
+    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.recording is None else None
+    clock: Clock = paced or real
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)
         localizer = make_localizer(site, hardware.camera.intrinsics, settings)
-        uplink = _uplink(options, clock, stack)
+        uplink = _uplink(options, real, stack)
         state = DeviceState(
             settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
         )  # fmt: skip
         parts = DeviceParts(
-            clock, hardware.camera, hardware.sonar, hardware.output, uplink, make_localizer, store, options.device_id,
-            hardware.apply,
+            clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
+            make_localizer, store, options.device_id, hardware.apply,
         )  # fmt: skip
         _rehearse(hardware, localizer, settings)
         agent = DeviceAgent(parts, state, localizer)

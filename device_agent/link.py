@@ -12,6 +12,7 @@ import contextlib
 import logging
 import threading
 
+import msgspec
 import numpy as np
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
@@ -193,7 +194,8 @@ class ConsoleLink:
                     task.result()
 
     async def _join(self, socket: ClientConnection) -> None:
-        await socket.send(encode(self._device.hello()))
+        hello = msgspec.structs.replace(self._device.hello(), now_s=self._clock.now_s())
+        await socket.send(encode(hello))
         async with asyncio.timeout(self._settings.answer_timeout_s):
             welcome = decode_from_console(_binary(await socket.recv()))
         if not isinstance(welcome, Welcome):

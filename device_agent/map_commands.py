@@ -119,7 +119,9 @@ def _localize(arguments: argparse.Namespace) -> int:
     if arguments.trajectory is not None:
         write_trajectory(arguments.trajectory, poses, "map from camera")
     matrices = [(stamp_s, pose.matrix) for stamp_s, pose in poses]
-    _print(arguments.json, _localization_figures(located, took_s) | _trajectory_error(recording, matrices), _FOUND_WORDS)
+    _print(
+        arguments.json, _localization_figures(located, took_s) | _trajectory_error(recording, matrices), _FOUND_WORDS
+    )
     return 0
 
 

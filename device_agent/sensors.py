@@ -11,6 +11,7 @@ from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.device_options import DeviceOptions
 from device_agent.ports import Clock, CueOutput, DepthCamera, Sonar
+from device_agent.simulation.pace import PacedCamera, PacedClock
 from device_agent.speech import Speech
 from navcore.recording import open_recording
 from navcore.settings import Settings
@@ -20,32 +21,34 @@ from navcore.settings import Settings
 class Hardware:
     """What the agent senses with, and speaks through."""
 
-    camera: NewestFrameCamera
+    camera: DepthCamera
     sonar: Sonar
     output: CueOutput
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from now on."""
-        self.camera.timeout_s = settings.watchdog.camera_timeout_s
+        if isinstance(self.camera, NewestFrameCamera):
+            self.camera.timeout_s = settings.watchdog.camera_timeout_s
 
 
 def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stack: ExitStack) -> Hardware:
     """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
     outputs = _outputs(options)
-    if options.recording is not None:
-        raw: DepthCamera = RecordedCamera(open_recording(options.recording), clock)
-        sonar: Sonar = NoSonar(clock)
-    else:
-        raw, sonar, ear = _simulated(options, clock)
+    if isinstance(clock, PacedClock):
+        # The simulation waits for the loop, so that there is no newer frame than the one that it gives.
+        camera, sonar, ear = _simulated(options, clock)
         outputs.insert(0, ear)
-    camera = NewestFrameCamera(raw, clock, settings.watchdog.camera_timeout_s)
+    else:
+        assert options.recording is not None
+        raw = RecordedCamera(open_recording(options.recording), clock)
+        camera, sonar = NewestFrameCamera(raw, clock, settings.watchdog.camera_timeout_s), NoSonar(clock)
     output = TeeOutput(outputs)
     for each in (output, sonar, camera):
         stack.callback(each.close)
     return Hardware(camera, sonar, output)
 
 
-def _simulated(options: DeviceOptions, clock: Clock) -> tuple[DepthCamera, Sonar, CueOutput]:
+def _simulated(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:
     from device_agent.simulation.adapters import SimulatedCamera, SimulatedEar, SimulatedSonar
     from device_agent.simulation.office_floor import office_floor
     from device_agent.simulation.walker import drawn_walker
@@ -58,7 +61,8 @@ def _simulated(options: DeviceOptions, clock: Clock) -> tuple[DepthCamera, Sonar
     )
     # The first picture takes seconds, for its kernels are loaded: not while the watchdog looks on.
     world.capture()
-    return SimulatedCamera(world, clock, options.rate_hz), SimulatedSonar(world, clock), SimulatedEar(world, clock)
+    camera = PacedCamera(SimulatedCamera(world, clock, options.rate_hz), clock)
+    return camera, SimulatedSonar(world, clock), SimulatedEar(world, clock)
 
 
 def _outputs(options: DeviceOptions) -> list[CueOutput]:

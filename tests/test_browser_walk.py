@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -86,8 +85,6 @@ def test_a_caregiver_signs_in_picks_a_destination_and_sees_the_walker_arrive(sit
             "--console", ready["url"].replace("http", "ws", 1), "--token-file", str(token_file), "--simulated",
         )  # fmt: skip
         with device as glasses:
-            if os.geteuid() == 0:  # as in the demo: the browser draws in software and would starve the device
-                os.setpriority(os.PRIO_PROCESS, glasses.pid, -10)
             become_admin(page, ready["first_link"])
             _see_the_place_in_the_scene(page)
             _walk_to(page, "Wash room")

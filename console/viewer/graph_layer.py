@@ -56,6 +56,7 @@ class GraphLayer:
         self._handlers = handlers
         self._tags: dict[str, Tag] = {}
         self._lengths: dict[str, viser.LabelHandle] = {}
+        self._labelled: dict[str, Edge] = {}
         self._drawn_edges: tuple[Edge, ...] = ()
         self._drawn_selection: str | None = None
         self.instances: list[str] = []
@@ -167,9 +168,13 @@ class GraphLayer:
         shown = {e.id: e for e in graph.edges.values() if few or e.id == highlight.edge_id or e in moving}
         for edge_id in self._lengths.keys() - shown.keys():
             self._lengths.pop(edge_id).remove()
+            self._labelled.pop(edge_id, None)
         for edge in shown.values():
-            x_m, y_m = meshes.middle_of(np.array(edge.path_m))
             label = self._lengths.get(edge.id)
+            if label is not None and self._labelled.get(edge.id) is edge:
+                continue
+            self._labelled[edge.id] = edge
+            x_m, y_m = meshes.middle_of(np.array(edge.path_m))
             if label is None:
                 label = self._lengths[edge.id] = self._client.scene.add_label(
                     f"/graph/length/{edge.id}", "", font_screen_scale=0.75, anchor="center-center"

@@ -44,9 +44,13 @@ class Tag:
         self._look = look.KINDS[poi.kind]
         self._head = self._make_head(self._look)
         self.poi = poi
+        self._drawn: tuple[Poi, bool] | None = None
 
     def show(self, poi: Poi, *, selected: bool) -> None:
-        """Draw the PoI as it is now."""
+        """Draw the PoI as it is now; nothing to do where it is the very one that is drawn."""
+        if self._drawn is not None and self._drawn[0] is poi and self._drawn[1] is selected:
+            return
+        self._drawn = poi, selected
         self.poi = poi
         self._frame.position = (poi.x_m, poi.y_m, 0.0)
         self.label.text = poi.name if poi.on_road else f"{poi.name} (off the road)"

@@ -15,14 +15,12 @@ from numpy.typing import NDArray
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.lie import update_pose
+from navcore.slam.pose_kernels import CHI2_DEPTH, CHI2_MONO, MIN_DEPTH_M
 
 BoolArray = NDArray[np.bool_]
 Int32Array = NDArray[np.int32]
 Int64Array = NDArray[np.int64]
 
-CHI2_MONO = 5.991
-CHI2_DEPTH = 7.815
-MIN_DEPTH_M = 0.05
 _BEHIND_CHI2 = 1e4
 _POINT_FLOOR = 1e-6
 

@@ -128,7 +128,7 @@ class LoopCloser:
             return []
         neighbours, _ = self._builder.covisible(keyframe, COVISIBLE)
         dead = np.flatnonzero(~self._builder.keyframe_alive)
-        recent = np.arange(keyframe - MIN_AGE + 1, len(self._builder.keyframes))
+        recent = np.arange(max(0, keyframe - MIN_AGE + 1), len(self._builder.keyframes))
         excluded = np.unique(np.concatenate([neighbours, dead, recent])).astype(np.int32)
         alike = self._alike(keyframe, neighbours, excluded)
         return alike + [k for k in self._near(keyframe, excluded) if k not in alike]

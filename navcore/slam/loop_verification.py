@@ -13,8 +13,8 @@ import numpy as np
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
-from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
-from navcore.slam.map import BoolArray, MapBuilder
+from navcore.slam.keyframes import Features, IntArray
+from navcore.slam.map import MapBuilder
 from navcore.slam.matching import DISTANCE_LOOSE, match_all, match_projected, project_landmarks
 from navcore.slam.pose import align_ransac, refine_pose
 from navcore.slam.tracking import SCALES, local_landmarks
@@ -159,11 +159,6 @@ def contradicted_share(builder: MapBuilder, features: Features, pose: FloatArray
         8.0 * builder.camera.width_px / 320,
     )
     return through / max(agree + through, 1)
-
-
-def disconnected_features(builder: MapBuilder, loop: VerifiedLoop) -> BoolArray:
-    """Return which of the loop's features (m,) show no landmark yet."""
-    return np.asarray(builder.landmark_of[loop.keyframe, loop.feature] == NO_LANDMARK)
 
 
 @kernel

@@ -25,7 +25,7 @@ class TrajectoryError:
 
 
 def align_rigidly(points_a: FloatArray, points_b: FloatArray) -> Transform:
-    """Return ``a_from_b``, which takes points b (n, 3) nearest to points a (n, 3) in the sense of least squares (Horn)."""
+    """Return ``a_from_b``, which takes points b (n, 3) nearest to points a (n, 3) by least squares (Horn)."""
     centre_a, centre_b = points_a.mean(axis=0), points_b.mean(axis=0)
     u, _, vt = np.linalg.svd((points_a - centre_a).T @ (points_b - centre_b))
     rotation = u @ np.diag([1.0, 1.0, np.sign(np.linalg.det(u @ vt)) or 1.0]) @ vt
@@ -45,12 +45,12 @@ def absolute_trajectory_error(
     inside = (stamps_s >= true_stamps_s[0]) & (stamps_s <= true_stamps_s[-1])
     inside &= true_stamps_s[after] - true_stamps_s[after - 1] <= MAX_TRUTH_GAP_S
     if np.count_nonzero(inside) < 3:
-        raise InputError("Fewer than three poses lie within the time of the ground truth: use the truth of this recording.")
+        raise InputError(
+            "Fewer than three poses lie within the time of the ground truth: use the truth of this recording."
+        )
     truth = np.stack(
         [np.interp(stamps_s[inside], true_stamps_s, true_positions_m[:, axis]) for axis in range(3)], axis=1
     )
     estimate = positions_m[inside]
     error = np.linalg.norm(align_rigidly(truth, estimate).apply(estimate) - truth, axis=1)
-    return TrajectoryError(
-        float(np.sqrt(np.mean(error**2))), float(np.median(error)), float(error.max()), int(len(error))
-    )
+    return TrajectoryError(float(np.sqrt(np.mean(error**2))), float(np.median(error)), float(error.max()), len(error))

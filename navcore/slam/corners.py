@@ -31,7 +31,7 @@ def _contiguous_nine() -> NDArray[np.bool_]:
     for _ in range(8):
         run &= np.right_shift(doubled, 1)
         doubled = np.right_shift(doubled, 1)
-    return (run & np.uint32(0xFFFF)) != 0
+    return np.asarray((run & np.uint32(0xFFFF)) != 0, dtype=np.bool_)
 
 
 HAS_NINE: NDArray[np.bool_] = _contiguous_nine()

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.corners import HAS_NINE, find_corners
-from navcore.slam.keyframes import LEVEL_COUNT, SCALE_FACTOR, ByteArray, Features, IntArray, SlamCamera
+from navcore.slam.keyframes import (
+    DESCRIPTOR_BYTES,
+    LEVEL_COUNT,
+    SCALE_FACTOR,
+    ByteArray,
+    Features,
+    IntArray,
+    SlamCamera,
+)
 from navcore.slam.pattern import comparison_pattern
 from navcore.types import CameraIntrinsics, DepthImage, Frame, ImageRgb
 
@@ -28,14 +36,15 @@ FAST_HIGH = 20
 FAST_LOW = 7
 """The same, where it has little."""
 REFERENCE_AREA_PX = 320 * 240
-"""Images of this size get the number of features that is asked for; larger ones more, by the 0.37th power of the area."""
+"""Images of this size get the number of features that is asked for; larger ones more, by area^0.37."""
 
 Float32Array = NDArray[np.float32]
 
 
 def feature_count_for(width_px: int, height_px: int, reference_count: int) -> int:
     """Return how many features to look for: ``reference_count`` at 320×240; of 600, about 1000 at 640×480."""
-    return round(reference_count * (width_px * height_px / REFERENCE_AREA_PX) ** 0.37 / 10) * 10
+    growth = float(np.power(width_px * height_px / REFERENCE_AREA_PX, 0.37))
+    return 10 * round(reference_count * growth / 10)
 
 
 def grey_of(colour_rgb: ImageRgb) -> ByteArray:
@@ -45,7 +54,7 @@ def grey_of(colour_rgb: ImageRgb) -> ByteArray:
 
 def _half_widths() -> IntArray:
     y = np.arange(PATCH_RADIUS_PX + 1)
-    return np.floor(np.sqrt((PATCH_RADIUS_PX + 0.5) ** 2 - y**2)).clip(0, PATCH_RADIUS_PX).astype(np.int32)
+    return np.asarray(np.sqrt((PATCH_RADIUS_PX + 0.5) ** 2 - y**2).clip(0, PATCH_RADIUS_PX), dtype=np.int32)
 
 
 def _turned_pattern() -> NDArray[np.int8]:
@@ -93,7 +102,9 @@ class FeatureExtractor:
             if len(corners) == 0:
                 continue
             smooth = cv2.GaussianBlur(image, (7, 7), 2.0, sigmaY=2.0, borderType=cv2.BORDER_REFLECT_101)
-            angle, descriptor = describe(image, smooth, corners, self._pattern, self._half_widths)
+            angle, descriptor = describe(
+                image, np.asarray(smooth, dtype=np.uint8), corners, self._pattern, self._half_widths
+            )
             # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
             scale = np.array([grey.shape[1] / image.shape[1], grey.shape[0] / image.shape[0]])
             positions.append((corners[:, :2] + 0.5) * scale - 0.5)
@@ -101,9 +112,14 @@ class FeatureExtractor:
             angles.append(angle)
             descriptors.append(descriptor)
         if not positions:
-            return self._features(np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 32), np.uint8), depth_m)
+            nothing = np.zeros((0, DESCRIPTOR_BYTES), np.uint8)
+            return self._features(np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros(0), nothing, depth_m)
         return self._features(
-            np.concatenate(positions), np.concatenate(octaves), np.concatenate(angles), np.concatenate(descriptors), depth_m
+            np.concatenate(positions),
+            np.concatenate(octaves),
+            np.concatenate(angles),
+            np.concatenate(descriptors),
+            depth_m,
         )
 
     def _pyramid(self, grey: ByteArray) -> list[ByteArray]:
@@ -160,7 +176,7 @@ def describe(
             half = half_widths[abs(dy)]
             row_sum, row_moment = 0, 0
             for dx in range(-half, half + 1):
-                value = np.int32(image[y + dy, x + dx])
+                value = int(image[y + dy, x + dx])
                 row_sum += value
                 row_moment += dx * value
             m10 += row_moment
@@ -199,7 +215,7 @@ def _depth_near(depth_m: DepthImage, u: float, v: float) -> float:
                     count += 1
     if count < 3:
         return np.nan
-    return values[count // 2]
+    return float(values[count // 2])
 
 
 @kernel

@@ -24,7 +24,7 @@ LEVEL_COUNT = 8
 """Levels of the image pyramid."""
 DESCRIPTOR_BYTES = 32
 """A binary descriptor has 256 bits."""
-INV_SIGMA2: FloatArray = SCALE_FACTOR ** (-2.0 * np.arange(LEVEL_COUNT))
+INV_SIGMA2: FloatArray = np.power(SCALE_FACTOR, -2.0 * np.arange(LEVEL_COUNT, dtype=np.float64))
 """1/σ² (LEVEL_COUNT,) of an image coordinate found at each pyramid level, 1/px²; σ is one pixel of that level."""
 INV_SIGMA2.setflags(write=False)
 NO_LANDMARK = -1

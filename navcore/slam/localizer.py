@@ -40,8 +40,8 @@ CONFIRMATIONS = 3
 MIN_DEPTH_SHARE = 0.8
 """Share of the landmarks in view with which the depth image must agree; what hides a landmark says nothing."""
 MIN_FOUND_SHARE = 0.2
-"""Share of those landmarks that must be found among the features. A pose that is wrong by one period of a repeating wall
-still finds a sixth."""
+"""Share of those landmarks that must be found among the features. A pose that is wrong by one period of a repeating
+wall still finds a sixth."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
 MAX_UNMATCHED_S = 0.15
@@ -131,8 +131,11 @@ class Localizer:
         predicted = Track(frame.stamp_s, features, guess, unseen, np.zeros((6, 6)))
         # Somebody who walks along can lead odometry astray; the map, looked for where the camera should be, cannot.
         doubtful: MapMatch | None = None
-        for track, radius_factor in ((moved and moved.track, 1.0), (predicted, GUESS_RADIUS_FACTOR)):
-            matched = self._match_map(state, track, frame, radius_factor) if track is not None else None
+        followed = None if moved is None else moved.track
+        for track, radius_factor in ((followed, 1.0), (predicted, GUESS_RADIUS_FACTOR)):
+            if track is None:
+                continue
+            matched = self._match_map(state, track, frame, radius_factor)
             if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, matched, frame)
             doubtful = doubtful or matched

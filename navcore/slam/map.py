@@ -1,9 +1,9 @@
 """The growing map: key frames, landmarks, and which key frame sees which landmark at which feature.
 
 Everything is held in flat arrays, so that searching, culling, fusing and adjusting are a few array operations or one
-kernel. Key frame k sees landmark ``landmark_of[k, f]`` at its feature f; :mod:`navcore.slam.observers` holds the same the
-other way round, so ``landmark_of`` is changed only by the methods here. Indices of key frames and landmarks are never
-reused; what is culled is marked in ``keyframe_alive`` and ``landmark_alive``.
+kernel. Key frame k sees landmark ``landmark_of[k, f]`` at its feature f; :mod:`navcore.slam.observers` holds the same
+the other way round, so ``landmark_of`` is changed only by the methods here. Indices of key frames and landmarks are
+never reused; what is culled is marked in ``keyframe_alive`` and ``landmark_alive``.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Observations:
 
 
 class MapBuilder:
-    """The map while it is built. Views such as ``positions`` are valid until the next landmark or key frame is added."""
+    """The map while it is built. A view such as ``positions`` is valid until something is added."""
 
     def __init__(self, camera: SlamCamera, features_per_frame: int) -> None:
         self.camera = camera
@@ -85,7 +85,7 @@ class MapBuilder:
 
     @property
     def landmark_of(self) -> IntArray:
-        """(K, F): landmark that each feature of each key frame shows, or NO_LANDMARK. Read only: use :meth:`connect`."""
+        """(K, F): landmark that each feature of each key frame shows, or NO_LANDMARK. Change it by :meth:`connect`."""
         return self._landmark_of[: len(self.keyframes)]
 
     @property
@@ -135,7 +135,7 @@ class MapBuilder:
         while not self._keyframe_alive[index]:
             pose = pose @ self._culled_from_parent[index]
             index = int(self._parent[index])
-        return pose @ self._camera_from_world[index]
+        return np.asarray(pose @ self._camera_from_world[index])
 
     def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
         """Return the living key frames that share at least ``min_shared`` landmarks with one, best first, and how many.

@@ -23,8 +23,8 @@ Progress = Callable[[float, str], None]
 """Called with the share that is done (0–1) and what is being done."""
 
 BF_PX_M = 100.0
-"""Focal length times virtual baseline. A depth z counts as measured to z²/100 m at the finest pyramid level, several times
-less well than a structured-light sensor does on a wall: at edges it errs by far more than its noise."""
+"""Focal length times virtual baseline. A depth z counts as measured to z²/100 m at the finest pyramid level, several
+times less well than a structured-light sensor does on a wall: at edges it errs by far more than its noise."""
 MIN_FRAMES = 10
 """A shorter recording makes no map."""
 LEVELLING_VIEWS = 100
@@ -126,4 +126,3 @@ class _Views:
         for k in np.unique(np.linspace(0, total - 1, min(count, total)).round().astype(int)).tolist():
             frame = self._recording.read(self._entries[float(self._slam_map.keyframe_stamp_s[k])])
             yield frame, np.linalg.inv(self._slam_map.camera_from_world[k])
-

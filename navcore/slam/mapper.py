@@ -1,7 +1,8 @@
-"""Building the map: one frame after the other, mapping in line with tracking, so that the same recording gives the same map.
+"""Building the map, one frame after the other.
 
-:class:`Mapper` takes frames and closes the map with ``finish``. What a frame leaves is its pose relative to a key frame,
-so that the whole trajectory follows when key frames are moved by loop closing and adjustment.
+Mapping runs in line with tracking, so that the same recording gives the same map. :class:`Mapper` takes frames and
+closes the map with ``finish``. What a frame leaves is its pose relative to a key frame, so that the whole trajectory
+follows when key frames are moved by loop closing and adjustment.
 """
 
 from __future__ import annotations

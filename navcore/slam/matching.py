@@ -118,6 +118,52 @@ def project_landmarks(
 
 # --------------------------------------------------------------------------------------------------- kernels
 @kernel
+def _best_two_in_window(
+    feature_uvr: FloatArray,
+    feature_octave: IntArray,
+    feature_words: WordArray,
+    cell_start: IntArray,
+    columns: int,
+    u: float,
+    v: float,
+    u_right: float,
+    radius: float,
+    low_octave: int,
+    high_octave: int,
+    words: WordArray,
+    taken: BoolArray,
+) -> tuple[int, int, int, int, int]:
+    """Return the best feature (−1: none), its distance and octave, and distance and octave of the second best."""
+    rows = (len(cell_start) - 1) // columns
+    column0 = max(int((u - radius) // GRID_PX), 0)
+    column1 = min(int((u + radius) // GRID_PX), columns - 1)
+    row0 = max(int((v - radius) // GRID_PX), 0)
+    row1 = min(int((v + radius) // GRID_PX), rows - 1)
+    best, second = 1 << 20, 1 << 20
+    best_feature, best_octave, second_octave = -1, -1, -1
+    if column1 < column0:
+        row1 = row0 - 1
+    for row in range(row0, row1 + 1):
+        # The cells of one row lie one after the other, and so do their features.
+        for f in range(cell_start[row * columns + column0], cell_start[row * columns + column1 + 1]):
+            octave = int(feature_octave[f])
+            if taken[f] or octave < low_octave or octave > high_octave:
+                continue
+            if abs(feature_uvr[f, 0] - u) > radius or abs(feature_uvr[f, 1] - v) > radius:
+                continue
+            # NaN compares false: without depth on either side there is nothing to contradict.
+            if abs(feature_uvr[f, 2] - u_right) > 2.0 * radius:
+                continue
+            d = bit_distance(words, feature_words[f])
+            if d < best:
+                second, second_octave = best, best_octave
+                best, best_feature, best_octave = d, f, octave
+            elif d < second:
+                second, second_octave = d, octave
+    return best_feature, best, best_octave, second, second_octave
+
+
+@kernel
 def _match_projected(
     feature_uvr: FloatArray,
     feature_octave: IntArray,
@@ -135,48 +181,36 @@ def _match_projected(
     ratio: float,
 ) -> tuple[IntArray, IntArray]:
     count = len(uv)
-    rows = (len(cell_start) - 1) // columns
     match = np.full(count, -1, np.int32)
     distance_of = np.full(count, 1 << 20, np.int32)
     owner = np.full(len(feature_uvr), -1, np.int32)
     for i in range(count):
-        r = radius[i]
-        if r <= 0.0:
+        if radius[i] <= 0.0:
             continue
-        column0 = max(int((uv[i, 0] - r) // GRID_PX), 0)
-        column1 = min(int((uv[i, 0] + r) // GRID_PX), columns - 1)
-        row0 = max(int((uv[i, 1] - r) // GRID_PX), 0)
-        row1 = min(int((uv[i, 1] + r) // GRID_PX), rows - 1)
-        best, second = 1 << 20, 1 << 20
-        best_feature, best_octave, second_octave = -1, -1, -1
-        for row in range(row0, row1 + 1):
-            if column1 < column0:
-                break
-            # The cells of one row lie one after the other, and so do their features.
-            for f in range(cell_start[row * columns + column0], cell_start[row * columns + column1 + 1]):
-                octave = feature_octave[f]
-                if taken[f] or octave < low_octave[i] or octave > high_octave[i]:
-                    continue
-                if abs(feature_uvr[f, 0] - uv[i, 0]) > r or abs(feature_uvr[f, 1] - uv[i, 1]) > r:
-                    continue
-                # NaN compares false: without depth on either side there is nothing to contradict.
-                if abs(feature_uvr[f, 2] - u_right[i]) > 2.0 * r:
-                    continue
-                d = bit_distance(words[i], feature_words[f])
-                if d < best:
-                    second, second_octave = best, best_octave
-                    best, best_feature, best_octave = d, f, octave
-                elif d < second:
-                    second, second_octave = d, octave
+        feature, best, best_octave, second, second_octave = _best_two_in_window(
+            feature_uvr,
+            feature_octave,
+            feature_words,
+            cell_start,
+            columns,
+            uv[i, 0],
+            uv[i, 1],
+            u_right[i],
+            radius[i],
+            int(low_octave[i]),
+            int(high_octave[i]),
+            words[i],
+            taken,
+        )
         if best > max_distance or (best_octave == second_octave and best > ratio * second):
             continue
-        rival = owner[best_feature]
+        rival = owner[feature]
         if rival >= 0:
             if distance_of[rival] <= best:
                 continue
             match[rival] = -1
-        owner[best_feature] = i
-        match[i] = best_feature
+        owner[feature] = i
+        match[i] = feature
         distance_of[i] = best
     return match, distance_of
 

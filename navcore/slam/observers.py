@@ -1,7 +1,7 @@
 """The table of which key frames see each landmark, kept in step with ``landmark_of`` (see :mod:`navcore.slam.map`).
 
-Row n of ``observers`` (N, W, 2) holds key frame and feature of the first ``count[n]`` observations of landmark n; W grows
-when it must. With it, covisibility and culling cost what the landmarks at hand have as observations, not the whole map.
+Row n of ``observers`` (N, W, 2) holds key frame and feature of the ``count[n]`` observations of landmark n; W grows if
+it must. With it, covisibility and culling cost what the landmarks at hand have as observations, not the whole map.
 """
 
 from __future__ import annotations

@@ -7,7 +7,10 @@ from numpy.typing import NDArray
 
 
 def comparison_pattern() -> NDArray[np.int8]:
-    """Return (256, 2, 2): for each bit two points (x, y) in pixels of the patch; the bit is set where the first is darker."""
+    """Return (256, 2, 2): for each bit two points (x, y) of the patch, pixels; it is set where the first is darker.
+
+    Pairs are drawn from a Gaussian around the centre (Calonder et al. 2010, the second of their patterns).
+    """
     rng = np.random.default_rng(20)
     pairs: list[NDArray[np.int64]] = []
     while len(pairs) < 256:

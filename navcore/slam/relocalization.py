@@ -1,7 +1,7 @@
 """Finding the pose without a guess: by the key frames that look alike, verified by geometry.
 
-A wrong pose is worse than none. A candidate must convince: many of its landmarks must agree on one rigid motion, the map
-around that pose must be found again by projection, and the depth image must agree with where the landmarks lie.
+A wrong pose is worse than none. A candidate must convince: many of its landmarks must agree on one rigid motion, the
+map around that pose must be found again by projection, and the depth image must agree with where the landmarks lie.
 """
 
 from __future__ import annotations

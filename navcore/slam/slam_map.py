@@ -1,7 +1,7 @@
 """The finished map: frozen, compact, stored as plain arrays, and ready to be localized in.
 
-Only what lives is kept: key frames and landmarks are numbered anew. Transforms are ``camera_from_world`` as everywhere in
-this package; the world is the site's levelled frame once :meth:`SlamMap.transformed` has been applied.
+Only what lives is kept: key frames and landmarks are numbered anew. Transforms are ``camera_from_world`` as everywhere
+in this package; the world is the site's levelled frame once :meth:`SlamMap.transformed` has been applied.
 """
 
 from __future__ import annotations
@@ -152,9 +152,7 @@ def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray
     )
 
 
-def freeze(
-    builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float, FloatArray]]
-) -> SlamMap:
+def freeze(builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float, FloatArray]]) -> SlamMap:
     """Return the finished map of a builder, with the place index over it and the trajectory of the recording.
 
     ``places`` names key frames as the builder does; ``trajectory`` holds stamps and world_from_camera (4, 4).

@@ -29,7 +29,7 @@ from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_
 
 BoolArray = NDArray[np.bool_]
 
-SCALES: FloatArray = SCALE_FACTOR ** np.arange(LEVEL_COUNT)
+SCALES: FloatArray = np.power(SCALE_FACTOR, np.arange(LEVEL_COUNT, dtype=np.float64))
 LAST_FRAME_RADIUS_PX = 15.0
 """Search radius around a point of the last frame, at pyramid level 0, in an image 640 pixels wide."""
 LOCAL_RADIUS_PX = 3.0
@@ -99,19 +99,21 @@ def predict_pose(last: Track, before_last: Track | None, stamp_s: float) -> Floa
     ratio = (stamp_s - last.stamp_s) / (last.stamp_s - before_last.stamp_s)
     step = last.camera_from_world @ np.linalg.inv(before_last.camera_from_world)
     if 0.7 < ratio < 1.4:
-        return step @ last.camera_from_world
-    return fraction_of_step(step, min(ratio, 3.0)) @ last.camera_from_world
+        return np.asarray(step @ last.camera_from_world)
+    return np.asarray(fraction_of_step(step, min(ratio, 3.0)) @ last.camera_from_world)
 
 
 def fraction_of_step(step: FloatArray, ratio: float) -> FloatArray:
     """Return the motion (4, 4) over ``ratio`` times the time that ``step`` took, at constant velocity."""
-    return exp_se3(ratio * log_se3(np.ascontiguousarray(step)))
+    motion: FloatArray = exp_se3(ratio * log_se3(np.ascontiguousarray(step)))
+    return motion
 
 
 def points_of(track: Track, view: MapView) -> FloatArray:
     """Return world points (n, 3) of a frame's features: the landmark's, else from depth, else NaN."""
     world_from_camera = np.linalg.inv(track.camera_from_world)
-    points = track.features.points_in_camera(view.camera) @ world_from_camera[:3, :3].T + world_from_camera[:3, 3]
+    points: FloatArray = track.features.points_in_camera(view.camera) @ world_from_camera[:3, :3].T
+    points += world_from_camera[:3, 3]
     seen = track.landmark_of >= 0
     points[seen] = view.positions[track.landmark_of[seen]]
     return points

@@ -1,0 +1,59 @@
+"""A rehearsal: the whole of SLAM on a picture that slides by, so that everything is compiled before anybody walks."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import cv2
+import numpy as np
+
+from navcore.geometry import FloatArray, Transform
+from navcore.settings import LocalizationSettings
+from navcore.slam.features import feature_count_for
+from navcore.slam.keyframes import SlamCamera
+from navcore.slam.localizer import Localizer
+from navcore.slam.mapper import Mapper
+from navcore.types import CameraIntrinsics, Frame
+
+REHEARSAL_CAMERA = CameraIntrinsics(320, 240, 232.0, 232.0, 159.5, 119.5)
+WALL_M = 2.0
+"""Distance of the wall that slides by."""
+
+
+def sliding_frames(count: int, step_px: int = 8, seed: int = 0) -> Iterator[tuple[Frame, Transform]]:
+    """Yield frames of a camera that moves along a painted wall, and where it truly is (world_from_camera)."""
+    rng = np.random.default_rng(seed)
+    camera = REHEARSAL_CAMERA
+    width_px = camera.width_px + step_px * count
+    coarse = rng.integers(0, 256, (camera.height_px // 6 + 1, width_px // 6 + 1, 3)).astype(np.uint8)
+    wall = cv2.resize(coarse, (width_px, camera.height_px), interpolation=cv2.INTER_NEAREST)
+    wall = cv2.GaussianBlur(wall, (3, 3), 0.8)
+    depth_m = np.full((camera.height_px, camera.width_px), WALL_M, np.float32)
+    for number in range(count):
+        left = number * step_px
+        view = np.ascontiguousarray(wall[:, left : left + camera.width_px], dtype=np.uint8)
+        place = np.array([left * WALL_M / camera.fx_px, 0.0, 0.0])
+        yield Frame(0.1 * number, view, depth_m), Transform.from_rotation_translation(np.eye(3), place)
+
+
+def rehearse(count: int) -> tuple[Mapper, Localizer, FloatArray]:
+    """Map ``count`` frames of the wall; return mapper, localizer in the map, and true positions (count, 3)."""
+    settings = LocalizationSettings()
+    camera = REHEARSAL_CAMERA
+    feature_count = feature_count_for(camera.width_px, camera.height_px, settings.feature_count)
+    mapper = Mapper(camera, SlamCamera.of(camera, 100.0), feature_count)
+    truth = []
+    for frame, world_from_camera in sliding_frames(count):
+        mapper.add(frame)
+        truth.append(world_from_camera.translation)
+    return mapper, Localizer(mapper.finish(), camera, settings), np.array(truth)
+
+
+def warm_up() -> None:
+    """Compile every kernel of mapping and localization."""
+    _, localizer, _ = rehearse(30)
+    for frame, _ in sliding_frames(3):
+        localizer.locate(frame)
+    # What looks like nothing in the map is searched for everywhere.
+    for frame, _ in sliding_frames(2, seed=1):
+        localizer.locate(frame)

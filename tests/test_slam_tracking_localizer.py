@@ -1,0 +1,115 @@
+"""The localizer finds, follows, and never claims what it does not know."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from navcore.errors import MappingError
+from navcore.geometry import Transform
+from navcore.settings import LocalizationSettings
+from navcore.slam.keyframes import SlamCamera
+from navcore.slam.localizer import Localizer
+from navcore.slam.mapper import Mapper
+from navcore.slam.rehearsal import REHEARSAL_CAMERA, rehearse, sliding_frames
+from navcore.slam.slam_map import SlamMap
+from navcore.types import Frame, LocalizationQuality
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    return rehearse(60)[0].finish()
+
+
+@pytest.fixture
+def localizer(slam_map: SlamMap) -> Localizer:
+    return Localizer(slam_map, REHEARSAL_CAMERA, LocalizationSettings())
+
+
+@pytest.fixture(scope="module")
+def walk() -> list[tuple[Frame, Transform]]:
+    return list(sliding_frames(60))
+
+
+def test_follows_the_walk(localizer: Localizer, walk: list[tuple[Frame, Transform]]) -> None:
+    located = [localizer.locate(frame) for frame, _ in walk]
+    for found, (_, truth) in zip(located[3:], walk[3:], strict=True):
+        assert found.quality is LocalizationQuality.LOCALIZED
+        assert found.world_from_camera is not None
+        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.03
+        assert found.covariance is not None
+        assert np.linalg.eigvalsh(found.covariance).min() > 0
+
+
+def test_a_pose_found_without_a_guess_must_be_confirmed(
+    localizer: Localizer, walk: list[tuple[Frame, Transform]]
+) -> None:
+    first = localizer.locate(walk[30][0])
+    assert first.quality is LocalizationQuality.UNCERTAIN
+    assert first.world_from_camera is not None
+    assert np.linalg.norm(first.world_from_camera.translation - walk[30][1].translation) < 0.05
+
+
+def test_dropped_frames_are_bridged(localizer: Localizer, walk: list[tuple[Frame, Transform]]) -> None:
+    for frame, truth in walk[::4]:
+        found = localizer.locate(frame)
+        assert found.world_from_camera is not None
+        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.05
+
+
+def test_another_place_is_lost(localizer: Localizer) -> None:
+    for frame, _ in sliding_frames(5, seed=9):
+        assert localizer.locate(frame).quality is LocalizationQuality.LOST
+
+
+def test_covered_camera_is_lost_and_then_found_again(localizer: Localizer, walk: list[tuple[Frame, Transform]]) -> None:
+    for frame, _ in walk[:10]:
+        localizer.locate(frame)
+    for frame, _ in walk[10:15]:
+        black = dataclasses.replace(frame, colour_rgb=np.zeros_like(frame.colour_rgb))
+        found = localizer.locate(black)
+        assert found.quality is LocalizationQuality.LOST
+        assert found.world_from_camera is None
+        assert found.covariance is None
+    qualities = [localizer.locate(frame).quality for frame, _ in walk[40:45]]
+    assert qualities[0] is LocalizationQuality.UNCERTAIN
+    assert qualities[-1] is LocalizationQuality.LOCALIZED
+
+
+def test_beyond_the_map_odometry_goes_on_and_uncertainty_grows(slam_map: SlamMap) -> None:
+    localizer = Localizer(slam_map, REHEARSAL_CAMERA, LocalizationSettings())
+    # The same wall, twice as long: its first part is the mapped one only where the picture is the same, so the map
+    # is cut instead: what was seen by later key frames alone is unknown to it.
+    walk = list(sliding_frames(60))
+    short = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), 600)
+    for frame, _ in walk[:12]:
+        short.add(frame)
+    localizer = Localizer(short.finish(), REHEARSAL_CAMERA, LocalizationSettings())
+    sigmas, qualities = [], []
+    for frame, truth in walk:
+        found = localizer.locate(frame)
+        assert found.world_from_camera is not None
+        assert found.covariance is not None
+        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.15
+        sigmas.append(float(np.trace(found.covariance[:3, :3])))
+        qualities.append(found.quality)
+    assert LocalizationQuality.LOCALIZED in qualities[:12]
+    assert qualities[-1] is LocalizationQuality.UNCERTAIN
+    assert sigmas[-1] > sigmas[-10] > sigmas[5]
+
+
+def test_reset_forgets(localizer: Localizer, walk: list[tuple[Frame, Transform]]) -> None:
+    for frame, _ in walk[:5]:
+        localizer.locate(frame)
+    localizer.reset()
+    assert localizer.state is None
+    assert localizer.locate(walk[20][0]).quality is LocalizationQuality.UNCERTAIN
+
+
+def test_nothing_to_follow_is_a_mapping_error() -> None:
+    mapper = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), 600)
+    blank = Frame(0.0, np.full((240, 320, 3), 90, np.uint8), np.full((240, 320), 2.0, np.float32))
+    for number in range(20):
+        mapper.add(dataclasses.replace(blank, stamp_s=0.1 * number))
+    with pytest.raises(MappingError, match="record again"):
+        mapper.finish()

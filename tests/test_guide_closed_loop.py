@@ -1,0 +1,54 @@
+"""The walker model, led by nothing but cues, among boxes: they arrive, touch nothing, and are never left turning."""
+
+from __future__ import annotations
+
+import pytest
+from closed_loop import box, route_along, walk
+
+from navcore.cues.table import CueKind
+from navcore.types import Action, Reason
+
+CORRIDOR = (
+    box(-1.2, 1.2, 8.8, 1.4), box(-1.2, -1.4, 11.4, -1.2), box(11.2, -1.4, 11.4, 9), box(8.6, 1.4, 8.8, 9),
+    box(-1.4, -1.4, -1.2, 1.4), box(8.6, 9, 11.4, 9.2),
+)  # fmt: skip
+"""A corridor 2.4 m wide along +x, and round a corner to the left."""
+ROUND_THE_CORNER = route_along((0, 0), (10, 0), (10, 7))
+STRAIGHT = route_along((0, 0), (8, 0))
+
+SCENES = {
+    "corner": (CORRIDOR, ROUND_THE_CORNER, (0, 0, 0)),
+    "facing away": (CORRIDOR, STRAIGHT, (0, 0, 180)),
+    "facing a wall at arm's length": (CORRIDOR, STRAIGHT, (1, 0.8, 90)),
+    "box in the way": ((*CORRIDOR, box(4.5, -0.25, 5, 0.25, 1.0)), STRAIGHT, (0, 0, 0)),
+    "something hangs in the way": ((*CORRIDOR, box(4.5, -0.25, 5, 0.4, 1.8, 1.3)), STRAIGHT, (0, 0, 0)),
+    "door of 1.2 m": ((*CORRIDOR, box(5, -1.2, 5.15, -0.6), box(5, 0.6, 5.15, 1.2)), STRAIGHT, (0, 0.3, 0)),
+    "destination at a wall": ((*CORRIDOR, box(8.5, -1.2, 8.7, 1.2)), STRAIGHT, (0, 0, 20)),
+}
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_the_walker_arrives_and_touches_nothing(name: str):
+    solids, route, start = SCENES[name]
+    result = walk(solids, route, start, seed=1, limit_s=70.0)
+    assert result.arrived, result.guidance[-1].trace.rule
+    assert result.contacts == 0
+    assert result.deviations_m(route).max() < 1.1
+
+
+def test_a_blocked_corridor_is_looked_at_on_both_sides_and_then_said():
+    solids, route, start = (*CORRIDOR, box(5, -1.2, 5.2, 1.2)), STRAIGHT, (0, 0, 0)
+    result = walk(solids, route, start, seed=0, limit_s=30.0)
+    assert not result.arrived
+    assert result.contacts == 0
+    last = result.guidance[-1]
+    assert (last.action, last.reason) == (Action.STOP, Reason.OBSTACLE_DEPTH)
+    late = [cue for cue in result.cues if cue.stamp_s > 22.0]
+    assert all(cue.kind is CueKind.STOP for cue in late), "it ends with a stop, not with turning to and fro"
+    assert last.trace.look_count == 2
+
+
+def test_the_same_seed_gives_the_same_walk():
+    first, second = (walk(CORRIDOR, STRAIGHT, (0, 0, 30), seed=3, limit_s=6.0) for _ in range(2))
+    assert first.trail == second.trail
+    assert first.cues == second.cues

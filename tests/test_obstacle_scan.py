@@ -1,0 +1,154 @@
+"""What the depth image says of the way ahead: found where it stands, and nothing found on a bare floor."""
+
+from __future__ import annotations
+
+import math
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from navcore.geometry import world_from_camera_at
+from navcore.obstacle.levelling import level_by_floor, level_by_pose, refine_by_floor
+from navcore.obstacle.scan import scan
+from navcore.settings import ObstacleSettings
+from navcore.types import BearingState, ObstacleScan
+
+SETTINGS = ObstacleSettings()
+ROOM = (box(-10, 9, 10, 9.2), box(-10, -9.2, 10, -9), box(9, -9, 9.2, 9))
+
+
+def seen(*solids, seed: int | None = 0, roll_deg: float = 0.0, settings: ObstacleSettings = SETTINGS) -> ObstacleScan:
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD, math.radians(roll_deg))
+    rng = None if seed is None else np.random.default_rng(seed)
+    return scan(depth_image((*ROOM, *solids), camera, rng), CAMERA, camera, settings)
+
+
+def free_deg(found: ObstacleScan, required_m: float = 3.0) -> list[int]:
+    return [round(math.degrees(each.angle)) for each in found.candidates if each.clearance_m >= required_m]
+
+
+@pytest.mark.parametrize("roll_deg", [-4.0, 0.0, 4.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_a_bare_floor_has_no_obstacle_and_no_drop(seed: int, roll_deg: float):
+    found = seen(seed=seed, roll_deg=roll_deg)
+    assert found.nearest_ahead_m is None
+    assert set(found.state.tolist()) == {BearingState.FREE}
+    assert {0, -24, 24} <= set(free_deg(found))
+
+
+@pytest.mark.parametrize(
+    ("solid", "distance_m"),
+    [
+        (box(3.0, -0.3, 3.4, 0.3, 1.0), 3.0),
+        (box(2.5, -0.3, 2.9, 0.3, 0.25), 2.5),  # low
+        (box(2.5, -0.3, 2.9, 0.3, 1.8, 1.4), 2.5),  # overhanging
+        (box(1.0, -0.3, 1.4, 0.3, 2.0), 1.0),
+        (box(2.0, -0.03, 2.06, 0.03, 2.0), 2.0),  # a post, 6 cm thick
+    ],
+)
+def test_what_stands_or_hangs_in_the_way_is_found_at_its_distance(solid, distance_m: float):
+    found = seen(solid)
+    assert found.nearest_ahead_m == pytest.approx(distance_m, abs=0.12)
+    assert 0 not in free_deg(found, distance_m + 0.3)
+
+
+def test_what_a_person_passes_over_or_under_is_no_obstacle():
+    assert seen(box(2.5, -0.5, 2.9, 0.5, 0.05)).nearest_ahead_m is None
+    assert seen(box(2.5, -0.5, 2.9, 0.5, 2.6, 2.0)).nearest_ahead_m is None
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(1.2, 2.8), st.floats(-0.6, 0.6), st.floats(0.1, 0.4))
+def test_a_walkable_corridor_really_is_free(x_m: float, y_m: float, half_m: float):
+    """No candidate direction, walked as far as it is said to be free, touches the box with a person's width."""
+    found = seen(box(x_m, y_m - half_m, x_m + 0.4, y_m + half_m, 1.2))
+    assert found.candidates
+    corners = [(x_m, y_m - half_m), (x_m, y_m + half_m)]
+    for each in found.candidates:
+        for cx, cy in corners:
+            along = cx * math.cos(each.angle) + cy * math.sin(each.angle)
+            aside = -cx * math.sin(each.angle) + cy * math.cos(each.angle)
+            assert abs(aside) > SETTINGS.person_width_m / 2 - 0.08 or along > each.clearance_m - 0.15
+
+
+def test_the_mirror_image_gives_the_mirror_image():
+    left, right = seen(box(2.0, 0.1, 2.4, 0.7), seed=None), seen(box(2.0, -0.7, 2.4, -0.1), seed=None)
+    assert free_deg(left, 2.5) == [-angle for angle in free_deg(right, 2.5)][::-1]
+
+
+def test_missing_depth_is_unknown_never_free():
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    depth = depth_image(ROOM, camera)
+    depth[:, 60:100] = np.nan
+    found = scan(depth, CAMERA, camera, SETTINGS)
+    unknown = np.degrees(found.bearing_rad[found.state == BearingState.UNKNOWN])
+    assert unknown.min() < -5
+    assert unknown.max() > 5
+    assert np.isnan(found.nearest_m[found.state == BearingState.UNKNOWN]).all()
+    assert not set(free_deg(found, 0.0)) & set(range(-6, 7))
+    nothing = scan(np.full_like(depth, np.nan), CAMERA, camera, SETTINGS)
+    assert nothing.candidates == ()
+    assert nothing.valid_fraction == 0.0
+    assert scan(np.full_like(depth, np.nan), CAMERA, None, SETTINGS).candidates == ()
+
+
+def test_readings_below_the_sensors_range_are_near_not_missing():
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    found = scan(np.full((120, 160), 0.2, np.float32), CAMERA, camera, SETTINGS)
+    assert found.nearest_ahead_m is not None
+    assert found.nearest_ahead_m < 0.4
+    assert found.candidates == ()
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.floats(0, 30), st.floats(-8, 8), st.floats(1.2, 1.9), st.integers(0, 100))
+def test_the_floor_in_the_image_tells_which_way_is_up(pitch_deg: float, roll_deg: float, eye_m: float, seed: int):
+    camera = world_from_camera_at((0, 0, eye_m), 0.0, math.radians(15 + pitch_deg), math.radians(roll_deg))
+    depth = depth_image(ROOM, camera, np.random.default_rng(seed))
+    found = level_by_floor(depth, CAMERA)
+    assert found is not None
+    truth = level_by_pose(camera)
+    assert found.height_m == pytest.approx(truth.height_m, abs=0.03)
+    assert math.degrees(math.acos(min(1.0, float(found.level_from_camera[2] @ truth.level_from_camera[2])))) < 0.8
+
+
+@pytest.mark.parametrize("error_deg", [-2.5, -1.0, 1.0, 2.5])
+def test_a_pitch_that_is_off_makes_no_obstacle_of_the_floor(error_deg: float):
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    believed = world_from_camera_at((0, 0, EYE_M + 0.04), 0.0, PITCH_RAD + math.radians(error_deg))
+    depth = depth_image(ROOM, camera, np.random.default_rng(1))
+    found = scan(depth, CAMERA, believed, SETTINGS)
+    assert set(found.state.tolist()) == {BearingState.FREE}
+    refined = refine_by_floor(level_by_pose(believed), depth, CAMERA)
+    assert refined.height_m == pytest.approx(EYE_M, abs=0.02)
+
+
+def test_levels_are_rotations():
+    camera = world_from_camera_at((1, 2, EYE_M), 2.0, PITCH_RAD, 0.1)
+    for levelling in (level_by_pose(camera), level_by_floor(depth_image(ROOM, camera), CAMERA)):
+        assert levelling is not None
+        assert levelling.level_from_camera @ levelling.level_from_camera.T == pytest.approx(np.eye(3), abs=1e-9)
+        assert np.linalg.det(levelling.level_from_camera) == pytest.approx(1.0)
+        assert abs(levelling.level_from_camera[1, 2]) < 1e-9, "the optical axis has no sideways part"
+
+
+@pytest.mark.real_data
+def test_the_real_cabinet_is_found_and_its_bare_floor_is_free(fr3_cabinet: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parent.parent / "benchmarks"))
+    sys.modules.pop("obstacle_cabinet", None)
+    import obstacle_cabinet
+
+    for by_pose in (True, False):
+        figures = obstacle_cabinet.evaluate(fr3_cabinet, by_pose)
+        assert figures["frames_found"] == figures["frames_with_box"] > 50
+        assert figures["bearing_recall"] > 0.97
+        assert figures["bearing_precision"] > 0.97
+        assert figures["distance_error_median_m"] < 0.03
+        assert figures["bearing_error_median_deg"] < 1.5
+        assert figures["floor_bearings"] > 1000
+        assert figures["false_floor_bearings"] == 0

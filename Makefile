@@ -1,5 +1,6 @@
 # Everything runs from a virtual environment in this checkout, made from the lock file.
 PYTHON ?= python3
+DATA ?= ../shared/data
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
@@ -25,8 +26,8 @@ test: install ## run all tests
 check: install ## formatting, lint, types, import contracts, generated docs
 	@.ci/check $(BIN)
 
-bench: install ## measure speed, accuracy and memory
-	@for benchmark in benchmarks/*.py; do echo "== $$benchmark"; $(BIN)/python $$benchmark --quick || exit 1; done
+bench: install ## measure speed, accuracy and memory (DATA: folder of the real recordings)
+	@.ci/bench $(BIN) "$(DATA)"
 
 docs: install ## write the generated pages of docs/
 	@$(BIN)/vbr settings --markdown > docs/settings.md

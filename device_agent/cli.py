@@ -28,6 +28,9 @@ AddCommands = Callable[["argparse._SubParsersAction[argparse.ArgumentParser]"], 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``vbr``; return its exit code: 0 done, 2 refused (with one sentence on stderr), 130 interrupted."""
+    # Read when NumPy is loaded. With more threads, small solves on busy cores are several times slower, and their last
+    # digits depend on the number of cores: the same input would not give the same map.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = _parser().parse_args(argv)
     _log_to_stderr(arguments.debug)
     try:

@@ -12,6 +12,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     """Add ``vbr settings`` and ``vbr warm-up``."""
     settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
     settings.add_argument("--json", action="store_true", help="as JSON")
+    settings.add_argument("--markdown", action="store_true", help="as the page of the docs")
     settings.set_defaults(run=_list_settings)
     warm = subparsers.add_parser("warm-up", help="compile everything now, so that nobody waits for it while walking")
     warm.set_defaults(run=_warm_up)
@@ -20,7 +21,11 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 def _list_settings(arguments: argparse.Namespace) -> int:
     from navcore.settings import setting_specs
 
-    if arguments.json:
+    if arguments.markdown:
+        from navcore.settings_page import settings_markdown
+
+        sys.stdout.write(settings_markdown())
+    elif arguments.json:
         json.dump([{"key": spec.key, **asdict(spec)} for spec in setting_specs()], sys.stdout, indent=1)
         sys.stdout.write("\n")
     else:

@@ -32,7 +32,7 @@ def candidate_directions(
         return ()
     step_rad = math.radians(settings.candidate_step_deg)
     reach = int(max(-bearing_rad[0], bearing_rad[-1]) / step_rad)
-    angles = np.arange(-reach, reach + 1) * step_rad
+    angles = np.asarray(np.arange(-reach, reach + 1) * step_rad, dtype=np.float64)
     along, aside = _in_corridor_axes(bearing_rad, nearest_m, angles)
     inside = (along > 0.0) & (np.abs(aside) < settings.person_width_m / 2)
     free_m = np.where(inside, along, max_m).min(axis=1, initial=max_m)

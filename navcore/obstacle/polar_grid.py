@@ -64,7 +64,7 @@ def polar_grid(
         np.ascontiguousarray(levelling.level_from_camera, dtype=np.float64), heights,
         obstacle_count, obstacle_sum_m, drop_count, ray_count, valid_count,
     )  # fmt: skip
-    middles: FloatArray = (np.arange(bearings) + 0.5) * BEARING_STEP_RAD - MAX_BEARING_RAD
+    middles = np.asarray((np.arange(bearings) + 0.5) * BEARING_STEP_RAD - MAX_BEARING_RAD, dtype=np.float64)
     fraction = measured / total if total else 0.0
     return PolarGrid(middles, obstacle_count, obstacle_sum_m, drop_count, ray_count, valid_count, fraction)
 

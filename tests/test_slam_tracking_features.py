@@ -139,10 +139,8 @@ def test_turned_image_is_matched() -> None:
     found = np.flatnonzero(match >= 0)
     c, s = np.cos(np.radians(33.0)), np.sin(np.radians(33.0))
     centred = first.uv_px[found] - [159.5, 119.5]
-    expected = np.stack([c * centred[:, 0] + s * centred[:, 1], -s * centred[:, 0] + c * centred[:, 1]], 1) + [
-        159.5,
-        119.5,
-    ]
+    x, y = centred.T
+    expected = np.stack([c * x + s * y + 159.5, -s * x + c * y + 119.5], axis=1)
     near = np.linalg.norm(second.uv_px[match[found]] - expected, axis=1) < 4.0
     assert near.sum() > 80
     assert near.mean() > 0.8

@@ -76,11 +76,7 @@ def test_covered_camera_is_lost_and_then_found_again(localizer: Localizer, walk:
     assert qualities[-1] is LocalizationQuality.LOCALIZED
 
 
-def test_beyond_the_map_odometry_goes_on_and_uncertainty_grows(slam_map: SlamMap) -> None:
-    localizer = Localizer(slam_map, REHEARSAL_CAMERA, LocalizationSettings())
-    # The same wall, twice as long: its first part is the mapped one only where the picture is the same, so the map
-    # is cut instead: what was seen by later key frames alone is unknown to it.
-    walk = list(sliding_frames(60))
+def test_beyond_the_map_odometry_goes_on_and_uncertainty_grows(walk: list[tuple[Frame, Transform]]) -> None:
     short = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), 600)
     for frame, _ in walk[:12]:
         short.add(frame)
@@ -90,7 +86,7 @@ def test_beyond_the_map_odometry_goes_on_and_uncertainty_grows(slam_map: SlamMap
         found = localizer.locate(frame)
         assert found.world_from_camera is not None
         assert found.covariance is not None
-        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.15
+        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.1
         sigmas.append(float(np.trace(found.covariance[:3, :3])))
         qualities.append(found.quality)
     assert LocalizationQuality.LOCALIZED in qualities[:12]

@@ -27,6 +27,7 @@ from navcore.slam.tracking import (
     local_keyframes,
     local_landmarks,
     predict_pose,
+    steadied,
     track_last_frame,
 )
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
@@ -39,9 +40,15 @@ CONFIRMATIONS = 3
 """Frames in a row that must match the map after a relocalization before the pose is called Localized."""
 MIN_DEPTH_SHARE = 0.8
 """Share of the landmarks in view with which the depth image must agree; what hides a landmark says nothing."""
-MIN_FOUND_SHARE = 0.2
+MIN_FOUND_SHARE = 0.17
 """Share of those landmarks that must be found among the features. A pose that is wrong by one period of a repeating
 wall still finds a sixth."""
+MIN_FOUND_SHARE_FOLLOWED = 0.08
+"""The same, where map and odometry say the same: blur and turning hide landmarks."""
+STEADY_COUNT = 80
+"""Fewer landmarks than this fix a pose badly: what odometry follows is used as well."""
+CONTINUITY_M = 0.08
+"""Map and odometry say the same when their positions differ by less than this."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
 MAX_UNMATCHED_S = 0.15
@@ -93,6 +100,12 @@ class MapMatch:
         enough = self.track.inlier_count >= MIN_FOUND_SHARE * self.support.agreeing
         return enough and self.support.share >= MIN_DEPTH_SHARE
 
+    def is_plausible_after(self, followed: Track) -> bool:
+        """Whether odometry led to the same place, and nothing speaks against it."""
+        enough = self.track.inlier_count >= MIN_FOUND_SHARE_FOLLOWED * self.support.agreeing
+        shift_m = float(np.linalg.norm(_centre(self.track) - _centre(followed)))
+        return enough and self.support.share >= MIN_DEPTH_SHARE and shift_m < CONTINUITY_M
+
 
 class Localizer:
     """Locates frames in a map. Frames come in order of their stamps, and may be dropped; ``reset`` forgets them."""
@@ -138,6 +151,10 @@ class Localizer:
             matched = self._match_map(state, track, frame, radius_factor)
             if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, matched, frame)
+            if matched is not None and track is followed and matched.is_plausible_after(track):
+                # It keeps what is known, but does not make a doubtful pose a sure one.
+                covariance = _map_covariance(matched.track)
+                return LocalizerState(matched.track, state.last, covariance, frame.stamp_s, state.confirmations)
             doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
         return found or self._carried_on(state, moved, doubtful, frame)
@@ -171,7 +188,10 @@ class Localizer:
         if found.landmark_count < self._settings.min_inliers_count:
             return None
         support = depth_support(self._map, found.track.camera_from_world, expected, frame.depth_m)
-        return MapMatch(found.track, support)
+        matched = found.track
+        if found.landmark_count < STEADY_COUNT:
+            matched = steadied(self._map, matched, track)
+        return MapMatch(matched, support)
 
     def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:
         centre = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]

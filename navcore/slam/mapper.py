@@ -70,6 +70,13 @@ class Mapper:
         self._last_keyframe_s = 0.0
 
     @property
+    def world_from_camera(self) -> FloatArray:
+        """(4, 4): where the last tracked frame is, as far as is known now. Raises MappingError before the first."""
+        if self._last is None:
+            raise MappingError("No frame has been followed yet: give frames with texture and depth.")
+        return inverse_se3(self._last.camera_from_world)
+
+    @property
     def keyframe_count(self) -> int:
         """Key frames that live."""
         return int(np.count_nonzero(self.builder.keyframe_alive))

@@ -80,6 +80,9 @@ class Track:
     """(n,): the landmark that each feature shows, or NO_LANDMARK."""
     information: FloatArray
     """(6, 6): of the pose, as :func:`navcore.slam.pose.refine_pose` gives it."""
+    carried_points: FloatArray | None = None
+    """(n, 3): world points of features that were followed from earlier frames, NaN elsewhere; they keep odometry from
+    drifting with every frame."""
 
     @property
     def landmarks(self) -> IntArray:
@@ -114,6 +117,9 @@ def points_of(track: Track, view: MapView) -> FloatArray:
     world_from_camera = np.linalg.inv(track.camera_from_world)
     points: FloatArray = track.features.points_in_camera(view.camera) @ world_from_camera[:3, :3].T
     points += world_from_camera[:3, 3]
+    if track.carried_points is not None:
+        carried = np.isfinite(track.carried_points[:, 2])
+        points[carried] = track.carried_points[carried]
     seen = track.landmark_of >= 0
     points[seen] = view.positions[track.landmark_of[seen]]
     return points
@@ -166,7 +172,9 @@ def refined(
     )
     landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
     landmark_of[feature_index[inlier]] = landmarks[inlier]
-    track = Track(stamp_s, features, camera_from_world, landmark_of, information)
+    carried = np.full((len(features), 3), np.nan)
+    carried[feature_index[inlier]] = points[inlier]
+    track = Track(stamp_s, features, camera_from_world, landmark_of, information, carried)
     return FrameMatch(track, int(np.count_nonzero(inlier)), track.inlier_count)
 
 
@@ -318,6 +326,24 @@ def extend_by_map(
         view.camera,
     )
     return found, np.concatenate([wanted, track.landmarks])
+
+
+def steadied(view: MapView, matched: Track, followed: Track) -> Track:
+    """Return a frame matched with few landmarks, its pose refined with what was followed from earlier frames as well.
+
+    A sliver of the map at the image's edge fixes a pose badly; the information stays that of the landmarks alone.
+    """
+    if followed.carried_points is None:
+        return matched
+    points = followed.carried_points.copy()
+    seen = matched.landmark_of >= 0
+    points[seen] = view.positions[matched.landmark_of[seen]]
+    chosen = np.flatnonzero(np.isfinite(points[:, 2])).astype(np.int32)
+    landmarks = matched.landmark_of[chosen]
+    found = refined(
+        matched.stamp_s, matched.features, matched.camera_from_world, chosen, points[chosen], landmarks, view.camera
+    )
+    return replace(found.track, information=matched.information)
 
 
 def moved(track: Track, camera_from_world: FloatArray) -> Track:

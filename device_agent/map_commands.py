@@ -155,14 +155,16 @@ def _trajectory_error(recording: Recording, poses: list[tuple[float, Any]]) -> d
     if not path.exists():
         return {}
     true_stamps_s, true_poses = read_trajectory(path)
-    if len(poses) < 3:
+    try:
+        error = absolute_trajectory_error(
+            np.array([stamp_s for stamp_s, _ in poses]),
+            np.array([matrix[:3, 3] for _, matrix in poses]).reshape(-1, 3),
+            true_stamps_s,
+            _positions(true_poses),
+        )
+    except InputError:
+        # A truth that does not fit says nothing about what was found; the answer says that there is no figure.
         return {"ate_rmse_m": None}
-    error = absolute_trajectory_error(
-        np.array([stamp_s for stamp_s, _ in poses]),
-        np.array([matrix[:3, 3] for _, matrix in poses]),
-        true_stamps_s,
-        _positions(true_poses),
-    )
     return {f"ate_{name}": round(value, 5) for name, value in asdict(error).items()}
 
 

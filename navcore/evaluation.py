@@ -9,7 +9,7 @@ import numpy as np
 from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform
 
-MAX_TRUTH_GAP_S = 0.5
+MAX_TRUTH_GAP_S = 1.0
 """Between two true poses farther apart than this nothing is interpolated."""
 
 

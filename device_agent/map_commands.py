@@ -19,6 +19,9 @@ if TYPE_CHECKING:
     from navcore.recording import Recording
     from navcore.types import Localization
 
+WARN_TRACKED_SHARE = 0.8
+"""A map of which less was followed has gaps that people should know of."""
+
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add ``vbr map build`` and ``vbr localize``."""
@@ -82,6 +85,11 @@ def _build(arguments: argparse.Namespace) -> int:
         recording, list(zip(built.slam_map.trajectory_stamp_s, built.slam_map.trajectory, strict=True))
     )
     _print(arguments.json, answer | truth, _BUILD_WORDS)
+    if built.tracked_share < WARN_TRACKED_SHARE:
+        sys.stderr.write(
+            f"vbr: Only {built.tracked_share:.0%} of the frames could be followed, so the map has gaps: record again,"
+            " more slowly, and look at things with texture.\n"
+        )
     if not arguments.json:
         sys.stdout.write(f"The site is in {arguments.site}. Next: vbr console --site {arguments.site}\n")
     return 0

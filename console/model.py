@@ -17,13 +17,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from navcore.planning.road_network import RoadNetwork
-
 from console.edits import Edit, evaluate
 from console.errors import ConflictError
 from console.graph_delta import GraphDelta, apply_delta, difference
 from console.graph_log import GraphLog, LogEntry, Publication
 from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, save_poi_graph
 
 _log = logging.getLogger(__name__)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -66,6 +67,7 @@ def run_console(arguments: argparse.Namespace) -> None:
 
     if arguments.site is None:
         raise InputError("Which site? Name its folder with --site DIR; `vbr map build` makes one.")
+    _refuse_unwritable(arguments.ready_file)
     server = ConsoleServer(config_of(arguments), device_token_file=arguments.device_token_file)
 
     def say(ready: Ready) -> None:
@@ -78,6 +80,11 @@ def run_console(arguments: argparse.Namespace) -> None:
         sys.stdout.flush()
 
     server.run(say)
+
+
+def _refuse_unwritable(path: Path | None) -> None:
+    if path is not None and (path.is_dir() or not os.access(path.parent, os.W_OK)):
+        raise InputError(f"The ready file {path} cannot be written: name a file in a folder that is there.")
 
 
 def run_token(arguments: argparse.Namespace) -> None:
@@ -124,7 +131,11 @@ def config_of(arguments: argparse.Namespace) -> ConsoleConfig:
 
 def _open_store(arguments: argparse.Namespace) -> Store:
     from console.store import Store
+    from navcore.site import map_checksum
 
+    if arguments.data is None and arguments.site is not None:
+        # A mistyped site must not get a database of its own.
+        map_checksum(arguments.site)
     return Store.open(_data_folder(arguments))
 
 
@@ -139,7 +150,6 @@ def _data_folder(arguments: argparse.Namespace) -> Path:
 
 
 def _port(text: str) -> int:
-    port = int(text)
-    if not 0 <= port <= 65535:
-        raise argparse.ArgumentTypeError("a port is a number from 0 to 65535")
-    return port
+    if not text.isdecimal() or len(text) > 5 or int(text) > 65535:
+        raise argparse.ArgumentTypeError(f"{text!r} is no port: give a number from 0 to 65535")
+    return int(text)

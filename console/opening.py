@@ -47,7 +47,7 @@ def token_from_file(devices: DeviceStore, path: Path) -> str:
         token = path.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"The device token file {path} cannot be used ({error}): name another one.") from error
-    if len(token) < 20:
+    if len(token) < 20 or not token.isprintable() or " " in token:
         raise InputError(f"The device token file {path} holds no token: delete it, and a new one is made.")
     devices.ensure_token(path.stem, token, "command line")
     return token

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import socket
+import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -37,9 +38,13 @@ class Ready:
     def write(self, path: Path) -> None:
         """Write it as JSON, in one step, for the owner's eyes only: the link is a key."""
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
-        with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
-            json.dump({"url": self.url, "first_link": self.first_link, "pid": os.getpid()}, out)
-        os.replace(fresh, path)
+        try:
+            with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
+                json.dump({"url": self.url, "first_link": self.first_link, "pid": os.getpid()}, out)
+            os.replace(fresh, path)
+        except OSError as error:
+            fresh.unlink(missing_ok=True)
+            raise InputError(f"The ready file {path} cannot be written ({error.strerror}): name another.") from error
 
 
 class ConsoleServer:
@@ -114,6 +119,14 @@ def check_listening(config: ConsoleConfig) -> None:
     for path in (config.tls_certificate, config.tls_key):
         if path is not None and not path.is_file():
             raise InputError(f"There is no TLS file {path}: name an existing one.")
+    if config.tls_certificate is not None and config.tls_key is not None:
+        try:
+            ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(config.tls_certificate, config.tls_key)
+        except (OSError, ssl.SSLError) as error:
+            raise InputError(
+                f"{config.tls_certificate} and {config.tls_key} are no certificate and its key ({error}): name the two"
+                " PEM files that belong together."
+            ) from error
     if not (config.is_loopback or config.uses_tls or config.insecure_listen):
         raise InputError(
             f"Listening on {config.host} without TLS would send passwords in the clear: give --tls-cert and --tls-key,"

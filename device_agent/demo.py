@@ -12,7 +12,7 @@ import json
 import sys
 from pathlib import Path
 
-from device_agent.simulation_commands import picture_size
+from device_agent.simulation_options import add_simulation_options, positive_number
 
 EXIT_NOT_ARRIVED = 1
 
@@ -28,9 +28,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         help="where the map is kept (default: %(default)s)",
     )
     parser.add_argument("--fresh", action="store_true", help="record and map the building again")
-    parser.add_argument("--seed", type=int, default=1, help="of the walker, the noise and the gait (default: 1)")
-    parser.add_argument("--size", type=picture_size, default=(320, 240), metavar="WxH", help="320x240 or 640x480")
-    parser.add_argument("--rate-hz", type=float, default=10.0, help="frames per second (default: %(default)g)")
+    add_simulation_options(parser, seed=1)
     parser.add_argument("--from", dest="start", default="Hall", metavar="PLACE", help="where the walker stands")
     parser.add_argument("--port", type=int, default=8765, help="of the console; 0 takes any free one")
     headless = parser.add_argument_group("without a browser")
@@ -38,14 +36,21 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     headless.add_argument("--to", default="Wash room", metavar="PLACE", help="destination (default: %(default)s)")
     headless.add_argument("--json", action="store_true", help="print the figures as JSON")
     headless.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a setting")
-    headless.add_argument("--max-s", type=float, default=300.0, help="give up after this time of the simulation")
+    headless.add_argument(
+        "--max-s", type=positive_number, default=300.0, help="give up after this time of the simulation"
+    )
     headless.add_argument("--wav", type=Path, metavar="FILE", help="write what the walker hears as a stereo WAV file")
     parser.set_defaults(run=_run)
 
 
 def _run(arguments: argparse.Namespace) -> int:
     from device_agent.demo_site import prepare_demo_site
+    from device_agent.simulation.office_floor import office_floor
+    from navcore.settings import Settings, parse_assignment
 
+    # Before the first start's minutes of mapping.
+    office_floor().place(arguments.start)
+    Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     site = prepare_demo_site(arguments.data, arguments.size, arguments.rate_hz, fresh=arguments.fresh)
     if arguments.headless:
         return _walk(arguments, site)

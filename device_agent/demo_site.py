@@ -7,12 +7,11 @@ import shutil
 import sys
 from pathlib import Path
 
-from device_agent.map_commands import stage_bar
-from device_agent.progress import progress_bar
-from navcore.errors import SiteError
+from device_agent.progress import progress_bar, stage_bar
+from navcore.errors import InputError, SiteError
 from navcore.recording import open_recording
 from navcore.settings import Settings
-from navcore.site import load_site, save_site
+from navcore.site import Site, load_site, save_site
 
 MAP_VERSION = 1
 """Counts up when the building, the recording or the mapping changes so that a kept map no longer fits."""
@@ -29,16 +28,25 @@ def prepare_demo_site(data: Path, size_px: tuple[int, int], rate_hz: float, *, f
     wanted = {"map_version": MAP_VERSION, "size_px": list(size_px), "rate_hz": rate_hz}
     if not fresh and _kept(note) == wanted and _is_whole(site):
         return site
-    data.mkdir(parents=True, exist_ok=True)
-    note.unlink(missing_ok=True)
+    _make_folder(data)
     _say("First start: the simulated building is walked through and mapped once, which takes some minutes.")
     recording = data / "recording"
     shutil.rmtree(recording, ignore_errors=True)
     _record(recording, size_px, rate_hz)
-    _build(recording, site)
+    built = _mapped(recording)
+    # Only now: whoever stops this earlier keeps the map that they had.
+    note.unlink(missing_ok=True)
+    save_site(built, site)
     shutil.rmtree(recording)
     note.write_text(json.dumps(wanted), encoding="utf-8")
     return site
+
+
+def _make_folder(data: Path) -> None:
+    try:
+        data.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"The folder {data} cannot be made ({error.strerror}): name another with --data.") from error
 
 
 def _record(folder: Path, size_px: tuple[int, int], rate_hz: float) -> None:
@@ -48,14 +56,14 @@ def _record(folder: Path, size_px: tuple[int, int], rate_hz: float) -> None:
         record_walk(folder, RECORDING_SEED, size_px, rate_hz, report)
 
 
-def _build(recording: Path, site: Path) -> None:
+def _mapped(recording: Path) -> Site:
     from device_agent.single_core import use_one_core
-    from device_agent.site_building import build_site
+    from navcore.site_building import build_site
 
     use_one_core()
     with stage_bar() as progress:
         built, _ = build_site(open_recording(recording), SITE_NAME, Settings().localization, progress)
-    save_site(built, site)
+    return built
 
 
 def _kept(note: Path) -> object:

@@ -12,6 +12,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from device_agent.device_options import DeviceOptions
+from device_agent.simulation_options import add_simulation_options
 from navcore.errors import InputError
 from navcore.settings import Settings, parse_assignment
 
@@ -20,8 +21,6 @@ _LOOPBACK = ("localhost", "127.0.0.1", "::1")
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add ``vbr device``."""
-    from device_agent.simulation_commands import picture_size
-
     parser = subparsers.add_parser("device", help="run the device agent: the process on the glasses")
     parser.add_argument("--site", type=Path, required=True, metavar="DIR", help="the map to walk in")
     parser.add_argument("--to", metavar="PLACE", help="lead to this place at once; ends there when no console is named")
@@ -37,10 +36,8 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sensors = parser.add_argument_group("sensors")
     sensors.add_argument("--simulated", action="store_true", help="walk in the simulated building, in real time")
     sensors.add_argument("--recording", type=Path, metavar="DIR", help="play a recording as the camera")
-    sensors.add_argument("--seed", type=int, default=1, help="of the simulation (default: %(default)s)")
     sensors.add_argument("--start", default="Hall", metavar="PLACE", help="where the simulated walker stands")
-    sensors.add_argument("--rate-hz", type=float, default=10.0, help="frames per second (default: %(default)g)")
-    sensors.add_argument("--size", type=picture_size, default=(320, 240), metavar="WxH", help="320x240 or 640x480")
+    add_simulation_options(sensors, seed=1)
 
     sound = parser.add_argument_group("sound")
     sound.add_argument("--wav", type=Path, metavar="FILE", help="write what is heard as a stereo WAV file")

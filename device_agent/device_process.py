@@ -48,7 +48,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)
         localizer = make_localizer(site, hardware.camera.intrinsics, settings)
-        uplink = _uplink(options, real, stack)
+        uplink = _uplink(options, store, real, stack)
         state = DeviceState(
             settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
         )  # fmt: skip
@@ -76,11 +76,11 @@ def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) 
         scan(frame.depth_m, hardware.camera.intrinsics, located.world_from_camera, settings.obstacle)
 
 
-def _uplink(options: DeviceOptions, clock: Clock, stack: ExitStack) -> Uplink:
+def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: ExitStack) -> Uplink:
     if options.console_url is None:
         return NoUplink()
     try:
-        journal = EventJournal(options.state / "events.sqlite")
+        journal = EventJournal(store.journal_path)
     except OSError as error:
         raise VbrError(f"{options.state} cannot be written ({error.strerror}): name another with --state.") from error
     stack.callback(journal.close)

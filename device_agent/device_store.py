@@ -39,7 +39,7 @@ class DeviceStore:
             return Settings().changed(stored["values"]), int(stored["revision"])
         except FileNotFoundError:
             return Settings(), 0
-        except (OSError, ValueError, KeyError, TypeError, SettingError) as error:
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, SettingError) as error:
             _log.warning("the stored settings do not fit (%s): the defaults run", error)
             return Settings(), 0
 

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,9 +14,11 @@ from typing import TYPE_CHECKING, Any
 from navcore.errors import InputError
 
 if TYPE_CHECKING:
-    from navcore.geometry import Transform
+    from navcore.geometry import FloatArray, Transform
     from navcore.recording import Recording
     from navcore.types import Localization
+
+    StampedPoses = tuple[FloatArray, list[Transform]]
 
 WARN_TRACKED_SHARE = 0.8
 """A map of which less was followed has gaps that people should know of."""
@@ -49,30 +50,20 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
     )
 
 
-@contextmanager
-def stage_bar() -> Iterator[Callable[[float, str], None]]:
-    """Show a bar on stderr; the body calls what it is given with the share that is done and what is being done."""
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
-
-    columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True)) as progress:
-        task = progress.add_task("Starting", total=1.0)
-        yield lambda share, text: progress.update(task, completed=share, description=text)
-
-
 # -------------------------------------------------------------------------------------------------- map build
 def _build(arguments: argparse.Namespace) -> int:
+    from device_agent.progress import stage_bar
     from device_agent.single_core import use_one_core
-    from device_agent.site_building import build_site, default_name, figures
     from navcore.recording import open_recording
     from navcore.settings import Settings, parse_assignment
-    from navcore.site import save_site
+    from navcore.site import prepare_site_folder, save_site
+    from navcore.site_building import build_site, default_name, figures
 
     use_one_core()
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     recording = open_recording(arguments.source)
-    _refuse_foreign_folder(arguments.site)
+    true_trajectory = _true_trajectory(recording)
+    prepare_site_folder(arguments.site)
     started_s = time.thread_time()
     with stage_bar() as progress:
         site, built = build_site(
@@ -82,7 +73,7 @@ def _build(arguments: argparse.Namespace) -> int:
     save_site(site, arguments.site)
     answer: dict[str, Any] = {**figures(built), "ms_per_frame": round(1e3 * took_s / len(recording), 2)}
     truth = _trajectory_error(
-        recording, list(zip(built.slam_map.trajectory_stamp_s, built.slam_map.trajectory, strict=True))
+        true_trajectory, list(zip(built.slam_map.trajectory_stamp_s, built.slam_map.trajectory, strict=True))
     )
     _print(arguments.json, answer | truth, _BUILD_WORDS)
     if built.tracked_share < WARN_TRACKED_SHARE:
@@ -95,13 +86,9 @@ def _build(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _refuse_foreign_folder(folder: Path) -> None:
-    if folder.exists() and (not folder.is_dir() or (any(folder.iterdir()) and not (folder / "manifest.json").exists())):
-        raise InputError(f"{folder} holds other files: name an empty folder, or one that already holds a site.")
-
-
 # --------------------------------------------------------------------------------------------------- localize
 def _localize(arguments: argparse.Namespace) -> int:
+    from device_agent.progress import stage_bar
     from device_agent.single_core import use_one_core
     from navcore.recording import open_recording, write_trajectory
     from navcore.settings import Settings, parse_assignment
@@ -112,6 +99,9 @@ def _localize(arguments: argparse.Namespace) -> int:
     use_one_core()
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     recording = open_recording(arguments.source)
+    true_trajectory = _true_trajectory(recording)
+    if arguments.trajectory is not None:
+        _refuse_unwritable(arguments.trajectory)
     site = load_site(arguments.site)
     slam_map = SlamMap.from_arrays(site.map_arrays)
     localizer = Localizer(slam_map, recording.intrinsics, settings.localization)
@@ -127,10 +117,14 @@ def _localize(arguments: argparse.Namespace) -> int:
     if arguments.trajectory is not None:
         write_trajectory(arguments.trajectory, poses, "map from camera")
     matrices = [(stamp_s, pose.matrix) for stamp_s, pose in poses]
-    _print(
-        arguments.json, _localization_figures(located, took_s) | _trajectory_error(recording, matrices), _FOUND_WORDS
-    )
+    answer = _localization_figures(located, took_s) | _trajectory_error(true_trajectory, matrices)
+    _print(arguments.json, answer, _FOUND_WORDS)
     return 0
+
+
+def _refuse_unwritable(path: Path) -> None:
+    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
+        raise InputError(f"{path} cannot be written: name a file in a folder that is there.")
 
 
 def _localization_figures(located: list[Localization], took_s: list[float]) -> dict[str, Any]:
@@ -153,16 +147,21 @@ def _localization_figures(located: list[Localization], took_s: list[float]) -> d
     }
 
 
-def _trajectory_error(recording: Recording, poses: list[tuple[float, Any]]) -> dict[str, Any]:
-    import numpy as np
-
-    from navcore.evaluation import absolute_trajectory_error
+def _true_trajectory(recording: Recording) -> StampedPoses | None:
     from navcore.recording import read_trajectory
 
     path = recording.folder / "groundtruth.txt"
-    if not path.exists():
+    return read_trajectory(path) if path.exists() else None
+
+
+def _trajectory_error(truth: StampedPoses | None, poses: list[tuple[float, Any]]) -> dict[str, Any]:
+    import numpy as np
+
+    from navcore.evaluation import absolute_trajectory_error
+
+    if truth is None:
         return {}
-    true_stamps_s, true_poses = read_trajectory(path)
+    true_stamps_s, true_poses = truth
     try:
         error = absolute_trajectory_error(
             np.array([stamp_s for stamp_s, _ in poses]),

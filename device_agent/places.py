@@ -7,6 +7,8 @@ import difflib
 from navcore.errors import InputError
 from navcore.planning.poi_graph import Poi, PoiGraph
 
+_NAMED_COUNT = 20
+
 
 def find_place(graph: PoiGraph, text: str) -> Poi:
     """Return the PoI with this identifier, name or spoken name, in any case. Raises InputError, naming what is near."""
@@ -18,6 +20,8 @@ def find_place(graph: PoiGraph, text: str) -> Poi:
         return matches[0]
     if matches:
         raise InputError(f"Several places are called {text!r}: rename all but one, or give the identifier.")
-    names = sorted(poi.name for poi in graph.pois.values())
-    near = difflib.get_close_matches(text, names, 3, 0.5) or names[:12]
+    # Junctions last: nobody is on the way to one.
+    pois = sorted(graph.pois.values(), key=lambda poi: (poi.kind == "junction", poi.name))
+    names = [poi.name for poi in pois]
+    near = difflib.get_close_matches(text, names, 3, 0.5) or names[:_NAMED_COUNT]
     raise InputError(f"There is no place {text!r} in this site: choose {' / '.join(near) or 'none, it has no places'}.")

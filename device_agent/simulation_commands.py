@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import re
+import math
 from pathlib import Path
 
+from device_agent.simulation_options import add_simulation_options, positive_number
 from navcore.errors import InputError
 
 
@@ -15,19 +16,11 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     actions = simulation.add_subparsers(metavar="ACTION", required=True)
     record = actions.add_parser("record", help="record the simulated sighted person's walk")
     record.add_argument("folder", type=Path, metavar="FOLDER", help="new folder for the recording")
-    record.add_argument("--seed", type=int, default=0, help="of noise and gait (default: %(default)s)")
-    record.add_argument("--size", type=picture_size, default=(320, 240), metavar="WxH", help="320x240 or 640x480")
-    record.add_argument("--rate-hz", type=float, default=10.0, help="frames per second (default: %(default)g)")
-    record.add_argument("--max-length-m", type=float, default=float("inf"), help="end the walk after this distance")
+    add_simulation_options(record, seed=0)
+    record.add_argument(
+        "--max-length-m", type=positive_number, default=math.inf, help="end the walk after this distance"
+    )
     record.set_defaults(run=_record)
-
-
-def picture_size(text: str) -> tuple[int, int]:
-    """Read ``320x240``. Raises argparse.ArgumentTypeError."""
-    match = re.fullmatch(r"(\d{2,4})[x×](\d{2,4})", text)
-    if match is None:
-        raise argparse.ArgumentTypeError(f"{text!r} is no picture size: write 320x240 or 640x480")
-    return int(match[1]), int(match[2])
 
 
 def _record(arguments: argparse.Namespace) -> int:

@@ -13,10 +13,11 @@ import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from navcore.errors import RecordingError
 from navcore.geometry import FloatArray, Transform
@@ -26,6 +27,13 @@ from navcore.types import CameraIntrinsics, DepthImage, Frame
 MAX_DEPTH_UNITS = 65_535
 MAX_NAME_LENGTH = 80
 _DISTORTION_NAMES = ("k1", "k2", "p1", "p2", "k3")
+_FOCAL_WIDTHS = (0.2, 20.0)
+"""Focal lengths that a camera can have, in picture widths: fields of view from 136° to 3°."""
+_MAX_DISTORTION = 1000.0
+_DEPTH_FACTORS = (10.0, 100_000.0)
+"""Depth units per metre: 16 bits hold nothing useful in coarser or finer ones."""
+_IMAGE_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
+"""How a whole JPEG or PNG file begins, and what stands at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,12 +74,8 @@ class Recording:
 
     def read(self, entry: RecordedFrame) -> Frame:
         """Read one frame. Raises RecordingError where an image is missing, damaged or of another size."""
-        colour = cv2.imread(str(entry.colour_path), cv2.IMREAD_COLOR)
-        if colour is None:
-            raise RecordingError(
-                f"{entry.colour_path} is missing or damaged: record again, or remove its line from associations.txt."
-            )
-        depth = cv2.imread(str(entry.depth_path), cv2.IMREAD_UNCHANGED)
+        colour = _read_colour(entry.colour_path)
+        depth = _read_image(entry.depth_path, cv2.IMREAD_UNCHANGED)
         if depth is None or depth.dtype != np.uint16 or depth.ndim != 2:
             raise RecordingError(f"{entry.depth_path} is missing, damaged or no 16-bit depth image: record again.")
         expected = (self.intrinsics.height_px, self.intrinsics.width_px)
@@ -107,12 +111,7 @@ def open_recording(folder: Path) -> Recording:
         raise RecordingError(f"There is no recording at {folder}: name a folder in the TUM RGB-D layout.")
     entries = _read_associations(folder)
     calibration = read_calibration(folder / "calib.txt")
-    first = cv2.imread(str(entries[0].colour_path), cv2.IMREAD_COLOR)
-    if first is None:
-        raise RecordingError(
-            f"{entries[0].colour_path} is missing or damaged: record again, or remove its line from associations.txt."
-        )
-    height_px, width_px = first.shape[:2]
+    height_px, width_px = _read_colour(entries[0].colour_path).shape[:2]
     intrinsics = CameraIntrinsics(
         width_px,
         height_px,
@@ -122,12 +121,50 @@ def open_recording(folder: Path) -> Recording:
         calibration["cy"],
         tuple(calibration[name] for name in _DISTORTION_NAMES) if "k1" in calibration else (),
     )
-    if not (0 <= intrinsics.cx_px < width_px and 0 <= intrinsics.cy_px < height_px):
-        raise RecordingError(
-            f"{folder / 'calib.txt'} puts the optical axis at ({intrinsics.cx_px:g}, {intrinsics.cy_px:g}), outside the"
-            f" {width_px}×{height_px} image: use the calibration of the camera that recorded it."
-        )
+    _refuse_foreign_calibration(folder / "calib.txt", intrinsics)
     return Recording(folder, intrinsics, calibration["depth_factor"], entries)
+
+
+def _refuse_foreign_calibration(path: Path, camera: CameraIntrinsics) -> None:
+    """Refuse what no camera of this picture size has: above all the calibration of the same camera at another size."""
+    size = f"{camera.width_px}×{camera.height_px} image"
+    advice = "use the calibration of the camera that recorded it, at this size"
+    if not (_is_near_middle(camera.cx_px, camera.width_px) and _is_near_middle(camera.cy_px, camera.height_px)):
+        raise RecordingError(
+            f"{path} puts the optical axis at ({camera.cx_px:g}, {camera.cy_px:g}), far from the middle of the {size}:"
+            f" {advice}."
+        )
+    low, high = _FOCAL_WIDTHS
+    if not all(
+        low * camera.width_px <= focal_px <= high * camera.width_px for focal_px in (camera.fx_px, camera.fy_px)
+    ):
+        raise RecordingError(
+            f"{path} gives focal lengths of {camera.fx_px:g} and {camera.fy_px:g} px, which do not fit the {size}:"
+            f" {advice}."
+        )
+    if not all(abs(value) <= _MAX_DISTORTION for value in camera.distortion):
+        raise RecordingError(f"{path} gives a distortion beyond ±{_MAX_DISTORTION:g}, which no lens has: {advice}.")
+
+
+def _is_near_middle(axis_px: float, size_px: int) -> bool:
+    return 0.3 * size_px <= axis_px <= 0.7 * size_px
+
+
+def _read_colour(path: Path) -> NDArray[np.uint8]:
+    colour = _read_image(path, cv2.IMREAD_COLOR)
+    if colour is None:
+        raise RecordingError(f"{path} is missing or damaged: record again, or remove its line from associations.txt.")
+    return colour.astype(np.uint8, copy=False)
+
+
+def _read_image(path: Path, how: int) -> NDArray[Any] | None:
+    """Return the image, or None where there is none or a part is missing (a decoder would fill it with grey)."""
+    try:
+        data = path.read_bytes()
+        is_whole = any(data.startswith(head) and tail in data[-64:] for head, tail in _IMAGE_ENDS)
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if is_whole else None
+    except (OSError, cv2.error):
+        return None
 
 
 def read_calibration(path: Path) -> dict[str, float]:
@@ -153,6 +190,11 @@ def read_calibration(path: Path) -> dict[str, float]:
     for name in ("fx", "fy", "depth_factor"):
         if values[name] <= 0:
             raise RecordingError(f"{path}: {name} is {values[name]:g}, but must be greater than 0.")
+    low, high = _DEPTH_FACTORS
+    if not low <= values["depth_factor"] <= high:
+        raise RecordingError(
+            f"{path}: depth_factor is {values['depth_factor']:g}, but {low:g} to {high:g} units per metre make sense."
+        )
     if any(name in values for name in _DISTORTION_NAMES):
         for name in _DISTORTION_NAMES:
             values.setdefault(name, 0.0)
@@ -273,7 +315,7 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
         words = line.split("#", 1)[0].split()
         if not words:
             continue
-        if len(words) != 4 or not _is_number(words[0]):
+        if len(words) != 4 or "\0" in line or not (_is_number(words[0]) and _is_number(words[2])):
             raise RecordingError(f"{path}, line {number}: expected 't_rgb rgb t_depth depth', found {line.strip()!r}.")
         colour, depth = folder / words[1], folder / words[3]
         for file in (colour, depth):

@@ -81,11 +81,36 @@ class _Manifest(msgspec.Struct):
 def save_site(site: Site, folder: Path) -> None:
     """Write the site to a folder, which is replaced as a whole only after everything has been written.
 
-    Raises SiteError where the folder holds something that is no site.
+    Raises SiteError where the folder holds something that is no site, or cannot be written.
     """
-    if folder.exists() and any(folder.iterdir()) and not (folder / "manifest.json").exists():
+    prepare_site_folder(folder)
+    try:
+        _replace_site(site, folder)
+    except OSError as error:
+        raise SiteError(
+            f"The site {folder} cannot be written ({error.strerror}): see whether the disk has room, or name another"
+            " folder."
+        ) from error
+
+
+def prepare_site_folder(folder: Path) -> None:
+    """See that a site can be written here, before hours of work go into it. Raises SiteError.
+
+    Makes the folders above it; the folder itself is not touched.
+    """
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        is_foreign = folder.exists() and (
+            not folder.is_dir() or (any(folder.iterdir()) and not (folder / "manifest.json").exists())
+        )
+        Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent)).rmdir()
+    except OSError as error:
+        raise SiteError(f"No site can be written to {folder} ({error.strerror}): name another folder.") from error
+    if is_foreign:
         raise SiteError(f"{folder} holds other files: name an empty folder, or one that already holds a site.")
-    folder.parent.mkdir(parents=True, exist_ok=True)
+
+
+def _replace_site(site: Site, folder: Path) -> None:
     fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
         _write_site(site, fresh)

@@ -83,7 +83,7 @@ LINE = "1.0 rgb/1.000000.jpg 1.0 depth/1.000000.png\n"
         (spoil("calib.txt", ""), "has no fx"),
         (spoil("calib.txt", "fx 30\nfy 30\ncx 16\ncy twelve\n"), "line 4"),
         (spoil("calib.txt", "fx -30\nfy 30\ncx 16\ncy 12\n"), "greater than 0"),
-        (spoil("calib.txt", "fx 30\nfy 30\ncx 160\ncy 12\n"), "outside the"),
+        (spoil("calib.txt", "fx 30\nfy 30\ncx 160\ncy 12\n"), "far from the middle"),
         (spoil("associations.txt", ""), "lists no frames"),
         (spoil("associations.txt", "nonsense\n"), "line 1"),
         (spoil("associations.txt", LINE + LINE), "times must grow"),

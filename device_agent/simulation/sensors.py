@@ -23,7 +23,6 @@ from navcore.types import CameraIntrinsics, Frame, ImageRgb
 
 HFOV_DEG = 69.0
 """Horizontal field of view of the D435's colour camera, to which depth is registered (D400 data sheet)."""
-IMAGE_SIZES = ((640, 480), (320, 240))
 _POOL_MARGIN_PX = 128
 
 

@@ -74,7 +74,6 @@ class DeviceAgent:
         """Replaced as a whole, between two stages: any thread may read it."""
         self._localizer = localizer
         self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
-        self._incidents_heeded = 0
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
@@ -85,7 +84,7 @@ class DeviceAgent:
             lambda stamp_s, text: parts.uplink.event(stamp_s, "watchdog", text),
             lambda: self.state.settings.cues.language,
         )
-        self._voice = Voice(parts.output, lambda: self.watchdog.incidents)
+        self._voice = Voice(parts.output, lambda: self.watchdog.stop_count)
 
     # ------------------------------------------------------------------------------------------------- orders
     def submit(self, order: Order) -> None:
@@ -130,21 +129,38 @@ class DeviceAgent:
                     stopped.wait(_PAUSE_WITHOUT_CAMERA_S)
         finally:
             self.watchdog.stop()
+            if self.state.mode == "guiding":
+                # Whoever still walks hears that nobody leads them any more.
+                self.watchdog.fault("The loop has ended.")
 
     def run_cycle(self) -> Cycle:
         """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
-        self._take_orders()
-        self._heed_the_watchdog()
+        self._guarded("taking orders", self._take_orders)
         parts = self._parts
-        ports = Ports(parts.clock, parts.camera, parts.sonar, self._localizer, self._voice)
+        ports = Ports(
+            parts.clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s
+        )  # fmt: skip
         self.state, cycle, effects = run_stages(self.state, ports)
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
         else:
             self.watchdog.beat(self._heartbeat(cycle))
-        self._do_all(effects)
-        self._report(cycle)
+        self._guarded("acting on the cycle", lambda: self._do_all(effects))
+        try:
+            self._report(cycle)
+        except Exception:
+            # What the console shows is nothing that the walker's guidance may hang on.
+            _log.exception("a cycle could not be reported")
         return cycle
+
+    def _guarded(self, what: str, work: Callable[[], None]) -> None:
+        """Do what stands about the loop; where it raises, the walker is stopped, and the loop goes on."""
+        try:
+            work()
+        except Exception as error:
+            _log.exception("%s failed", what)
+            self.state = replace(self.state, failed_s=self._parts.clock.now_s())
+            self.watchdog.fault(f"{what} failed: {type(error).__name__}: {error}"[:500])
 
     def _heartbeat(self, cycle: Cycle) -> Heartbeat:
         """A stop is right however old its picture is, and has been heard; only a loop that is gone is told of then."""
@@ -163,12 +179,6 @@ class DeviceAgent:
             self._do_all(effects)
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
-
-    def _heed_the_watchdog(self) -> None:
-        """After an incident the walker does not move again before everything has been fresh for a while."""
-        if self.watchdog.incidents != self._incidents_heeded:
-            self._incidents_heeded = self.watchdog.incidents
-            self.state = replace(self.state, failed_s=self._parts.clock.now_s())
 
     # ----------------------------------------------------------------------------------------------- effects
     def _do_all(self, effects: tuple[Effect, ...]) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
@@ -23,6 +23,7 @@ from navcore.types import (
     Frame,
     Guidance,
     Localization,
+    LocalizationQuality,
     ObstacleScan,
     Reason,
     SonarReading,
@@ -38,6 +39,8 @@ class Ports:
     sonar: Sonar
     localizer: LocalizerPort
     voice: Voice
+    stale_s: Callable[[], float]
+    """When the watchdog last found guidance stale."""
 
 
 @dataclass(slots=True)
@@ -72,7 +75,11 @@ def run_stages(state: DeviceState, ports: Ports) -> Outcome:
             frame = ports.camera.read()
         return _from_frame(state, ports, frame, times)
     except SensorError as error:
-        return _blind(state, ports, str(error), times)
+        why = str(error)
+    except Exception as error:
+        return _faulted(state, ports, frame, times, error)
+    try:
+        return _blind(state, ports, why, times)
     except Exception as error:
         return _faulted(state, ports, frame, times, error)
 
@@ -87,13 +94,15 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         pose = located.pose
     state = replace(state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose))
     with times.stage("plan"):
-        state, planned = plan_if_needed(state, pose, frame.stamp_s)
+        # A way from a place that is not sure would begin anywhere.
+        sure = located.quality is LocalizationQuality.LOCALIZED
+        state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
         sonar = _sonar(ports, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
-        state, guidance = _fresh_or_stop(state, guidance, ports.clock.now_s())
+        state, guidance = _fresh_or_stop(state, guidance, ports.clock.now_s(), ports.stale_s())
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state, arrived = _after(replace(state, guidance=guidance))
@@ -125,21 +134,30 @@ def _decide(
     )  # fmt: skip
     if state.mode == "arrived" and guidance.reason is Reason.NO_ROUTE:
         return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
-    if state.mode == "guiding" and route is None and located.pose is None:
-        # A way is wanted, but where it begins is not known yet.
-        return replace(guidance, reason=Reason.POSE_LOST, trace=replace(guidance.trace, rule="the pose is lost"))
+    if state.mode == "guiding" and route is None:
+        # A way is wanted, but where it begins is not known for sure yet.
+        return replace(
+            guidance,
+            reason=Reason.POSE_LOST,
+            trace=replace(guidance.trace, rule="where the way begins is not known yet"),
+        )
     return guidance
 
 
-def _fresh_or_stop(state: DeviceState, guidance: Guidance, now_s: float) -> tuple[DeviceState, Guidance]:
-    """Deciding may have taken so long that the decision is about a place where the walker no longer is."""
+def _fresh_or_stop(
+    state: DeviceState, guidance: Guidance, now_s: float, stale_s: float
+) -> tuple[DeviceState, Guidance]:
+    """Deciding may have taken so long that the decision is about a place where the walker no longer is.
+
+    ``stale_s`` is when the watchdog last overruled the loop: perhaps a moment ago, within this very cycle.
+    """
     if guidance.action is Action.STOP:
         return state, guidance
     age_s = now_s - guidance.stamp_s
-    if age_s > state.settings.watchdog.guidance_timeout_s:
+    if not age_s <= state.settings.watchdog.guidance_timeout_s:
         rule = f"The decision is {age_s:.2f} s old: too old to walk by."
         return replace(state, failed_s=now_s), _stopped(guidance, rule)
-    fresh_for_s = now_s - state.failed_s
+    fresh_for_s = now_s - max(state.failed_s, stale_s)
     if fresh_for_s < SETTLED_AFTER_S:
         return state, _stopped(guidance, f"Fresh for {fresh_for_s:.1f} s of {SETTLED_AFTER_S:g} s since the failure.")
     return state, guidance

@@ -17,11 +17,11 @@ from navcore.types import Action, Guidance, Reason, SonarState
 class Voice:
     """Remembers what has been said, and plays what is to be said now."""
 
-    def __init__(self, output: CueOutput, incidents: Callable[[], int]) -> None:
-        """``incidents`` counts how often the watchdog has spoken on the same output."""
+    def __init__(self, output: CueOutput, watchdog_stops: Callable[[], int]) -> None:
+        """``watchdog_stops`` counts how often the watchdog has spoken on the same output."""
         self._output = output
-        self._incidents = incidents
-        self._incidents_heard = incidents()
+        self._watchdog_stops = watchdog_stops
+        self._stops_heard = watchdog_stops()
         # Nobody walks at the start: "stop" is no news then.
         self._memory = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
         self.last_spoken: Cue | None = None
@@ -29,8 +29,8 @@ class Voice:
 
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""
-        if self._incidents() != self._incidents_heard:
-            self._incidents_heard = self._incidents()
+        if self._watchdog_stops() != self._stops_heard:
+            self._stops_heard = self._watchdog_stops()
             if state.mode == "guiding":
                 self._overruled(now_s)
         if not state.leading:
@@ -66,7 +66,12 @@ class Voice:
         # One that waited, or is said again, keeps the stamp of its origin; outputs need the time at which it is heard.
         heard = tuple(replace(cue, stamp_s=now_s) for cue in cues)
         for cue in heard:
-            self._output.play(cue)
+            try:
+                self._output.play(cue)
+            except Exception:
+                # What could not be played was not heard: it is told anew as soon as it can be.
+                self._memory = replace(self._memory, told_action=None, bus=CueBus())
+                raise
             if cue.text:
                 self.last_spoken = cue
         return heard

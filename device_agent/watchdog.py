@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import enum
 import logging
+import math
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from device_agent.ports import Clock, CueOutput
 from navcore.cues.synthesis import stop_cue
+from navcore.cues.table import Cue
 from navcore.cues.texts import Language
 from navcore.types import Reason
 
@@ -59,7 +61,8 @@ class Verdict(enum.Enum):
 
 def keep_watch(vigil: Vigil, heartbeat: Heartbeat, now_s: float) -> tuple[Vigil, Verdict]:
     """Look at the heartbeat once; return what to remember, and what to do."""
-    stale = bool(heartbeat.fault) or now_s - heartbeat.stamp_s > heartbeat.timeout_s
+    # So written that a stamp which is no number is stale, too.
+    stale = bool(heartbeat.fault) or not now_s - heartbeat.stamp_s <= heartbeat.timeout_s
     if not stale:
         return Vigil(), Verdict.RECOVERED if vigil.alarmed else Verdict.QUIET
     if not vigil.alarmed:
@@ -86,15 +89,21 @@ class Watchdog:
         self._language = language
         self._heartbeat = Heartbeat(clock.now_s())
         self._vigil = Vigil()
-        self._incidents = 0
+        self._stop_count = 0
+        self._stale_s = -math.inf
         self._lock = threading.Lock()
         self._stopped = threading.Event()
         self._thread: threading.Thread | None = None
 
     @property
-    def incidents(self) -> int:
-        """How many incidents there were; the loop sees by it that its own instructions were overruled."""
-        return self._incidents
+    def stop_count(self) -> int:
+        """How often *Stop* was played; the loop sees by it that its own instructions were overruled."""
+        return self._stop_count
+
+    @property
+    def stale_s(self) -> float:
+        """When guidance was last found stale or failed; the loop lets nobody walk again too soon after it."""
+        return self._stale_s
 
     def beat(self, heartbeat: Heartbeat) -> None:
         """Take the loop's sign of life."""
@@ -110,18 +119,33 @@ class Watchdog:
         with self._lock:
             now_s, heartbeat = self._clock.now_s(), self._heartbeat
             self._vigil, verdict = keep_watch(self._vigil, heartbeat, now_s)
-            if verdict is Verdict.ALARM:
-                self._incidents += 1
+            if self._vigil.alarmed:
+                self._stale_s = now_s
         if verdict in (Verdict.ALARM, Verdict.REPEAT) and heartbeat.leading:
             reason = Reason.OK if heartbeat.fault else Reason.SENSOR_STALE
-            self._output.play(stop_cue(now_s, reason, self._language()))
+            self._play(stop_cue(now_s, reason, self._language()))
         if verdict is Verdict.ALARM:
             text = heartbeat.fault or f"No guidance for {now_s - heartbeat.stamp_s:.1f} s."
             _log.warning("%s", text)
-            self._report(now_s, text)
+            self._tell(now_s, text)
         elif verdict is Verdict.RECOVERED:
-            self._report(now_s, "Guidance is fresh again.")
+            self._tell(now_s, "Guidance is fresh again.")
         return verdict
+
+    def _play(self, cue: Cue) -> None:
+        try:
+            self._output.play(cue)
+        except Exception:
+            # Whoever guards the loop must outlive an output that fails: the next Stop is tried again.
+            _log.exception("the cue %r could not be played", cue.text)
+        else:
+            self._stop_count += 1
+
+    def _tell(self, stamp_s: float, text: str) -> None:
+        try:
+            self._report(stamp_s, text)
+        except Exception:
+            _log.exception("%r could not be reported", text)
 
     def start(self) -> None:
         """Watch in a thread of its own until :meth:`stop`; one that watches already goes on."""

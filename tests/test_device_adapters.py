@@ -7,6 +7,7 @@ import functools
 import io
 import threading
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -176,6 +177,16 @@ def test_an_old_frame_is_an_error(hand_fed: tuple[HandFedCamera, NewestFrameCame
     inner.hand(frames(1)[0])
     clock.advance(3.0)
     with pytest.raises(SensorError, match=r"3\.0 s old"):
+        camera.read()
+
+
+@pytest.mark.parametrize("stamp_s", [110.0, float("nan")])
+def test_a_frame_whose_age_cannot_be_told_is_an_error(
+    hand_fed: tuple[HandFedCamera, NewestFrameCamera, FakeClock], stamp_s: float
+) -> None:
+    inner, camera, _ = hand_fed
+    inner.hand(replace(frames(1)[0], stamp_s=stamp_s))
+    with pytest.raises(SensorError, match="ahead of the clock"):
         camera.read()
 
 

@@ -15,7 +15,7 @@ from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, F
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
-from device_agent.state import DeviceState
+from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
 from navcore.geometry import Transform, world_from_camera_at
@@ -472,3 +472,86 @@ def test_a_loop_that_hangs_is_overruled_by_the_watchdogs_thread_and_goes_on_afte
     loop.join(20.0)
     clock.advance(1.0)
     assert any("No guidance" in text for _, kind, text in uplink.events if kind == "watchdog")
+
+
+# ------------------------------------------------------------------------------------------ nothing ends the loop
+class FailingOutput(FakeOutput):
+    """An earphone that can be unplugged."""
+
+    unplugged = False
+
+    def play(self, cue: Cue) -> None:
+        if self.unplugged:
+            raise OSError("unplugged")
+        super().play(cue)
+
+
+def test_an_output_that_fails_ends_neither_the_loop_nor_the_watchdog_and_stop_is_heard_when_it_works_again() -> None:
+    rig = Rig()
+    output = FailingOutput()
+    parts = replace(rig.agent._parts, output=output)
+    rig.agent = DeviceAgent(parts, rig.agent.state, FakeLocalizer(rig.locate))
+    rig.lead_to()
+    assert CueKind.WALK in [cue.kind for cue in output.cues]
+    output.unplugged = True
+    rig.spoil = lambda frame: SensorError("no picture")
+    assert all(cycle.guidance.action is Action.STOP for cycle in rig.cycles(3))
+    rig.agent.submit(Say("Wait for me."))
+    rig.cycles(3)
+    output.unplugged = False
+    before = len(output.cues)
+    rig.clock.sleep_until(rig.clock.now_s() + 3.0)
+    rig.cycles(1)
+    assert CueKind.STOP in [cue.kind for cue in output.cues[before:]]
+
+
+def test_an_order_that_cannot_be_carried_out_stops_the_walker_and_the_loop_goes_on(rig: Rig) -> None:
+    rig.lead_to()
+    broken = Site.__new__(Site)
+    rig.agent.state = replace(rig.agent.state, mode="idle")
+    rig.agent.submit(PreparedMap(Path("nowhere"), "sum", broken, FakeLocalizer(rig.locate)))
+    rig.cycles(2)
+    rig.agent.state = replace(rig.agent.state, waiting_map=None)
+    rig.agent.submit(SetDestination("bar"))
+    assert rig.cycles(15)[-1].guidance.action is Action.WALK
+
+
+def test_after_the_watchdogs_stop_within_a_cycle_nobody_is_sent_on_in_the_same_cycle() -> None:
+    rig = Rig()
+    rig.lead_to()
+    locate = rig.locate
+    slow = [True]
+
+    def hang(frame: Frame) -> Localization:
+        # The picture came late, and finding the place takes a while: the decision itself is fresh enough.
+        if slow.pop() if slow else False:
+            rig.clock.sleep_until(rig.clock.now_s() + 0.45)
+            rig.agent.watchdog.check()
+        return locate(frame)
+
+    rig.agent._localizer = FakeLocalizer(hang)
+    before = len(rig.output.cues)
+    cycle = rig.cycles(1)[0]
+    assert rig.heard[before] is CueKind.STOP
+    assert not {CueKind.WALK, CueKind.TICK, CueKind.STEER} & set(rig.heard[before:])
+    assert cycle.guidance.action is Action.STOP
+    assert rig.cycles(15)[-1].guidance.action is Action.WALK
+
+
+def test_the_end_of_the_loop_is_a_stop_for_whoever_is_being_led(rig: Rig) -> None:
+    rig.lead_to()
+    stopped = threading.Event()
+    stopped.set()
+    rig.agent.run(stopped)
+    assert rig.output.cues[-1].kind is CueKind.STOP
+
+
+def test_no_way_begins_at_a_place_that_is_not_sure(rig: Rig) -> None:
+    sure = rig.locate
+
+    rig.agent._localizer = FakeLocalizer(lambda frame: replace(sure(frame), quality=LocalizationQuality.UNCERTAIN))
+    cycle = rig.lead_to()
+    assert (cycle.guidance.action, cycle.guidance.reason) == (Action.STOP, Reason.POSE_LOST)
+    assert rig.agent.state.route is None
+    rig.agent._localizer = FakeLocalizer(sure)
+    assert rig.cycles(6)[-1].guidance.action is Action.WALK

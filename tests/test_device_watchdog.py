@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import threading
 
 from hypothesis import given
@@ -41,7 +42,7 @@ def test_one_stop_per_incident_repeated_while_it_lasts() -> None:
     assert 10.5 < stamps[0] <= 10.5 + 2 * CHECK_EVERY_S
     assert all(later - earlier >= REPEAT_AFTER_S for earlier, later in itertools.pairwise(stamps))
     assert {(cue.kind, cue.priority) for cue in output.cues} == {(CueKind.STOP, CuePriority.STOP)}
-    assert dog.incidents == 1
+    assert dog.stop_count == 3
     dog.beat(Heartbeat(clock.now_s(), leading=True))
     assert dog.check() is Verdict.RECOVERED
     assert len(reports) == 2
@@ -91,3 +92,7 @@ def advance_one_look(clock: FakeClock) -> None:
     """Let the watchdog look once more, and wait until it has."""
     clock.advance(CHECK_EVERY_S + 1e-6)
     clock.wait_for_sleepers(1)
+
+
+def test_a_stamp_that_is_no_number_is_stale() -> None:
+    assert keep_watch(Vigil(), Heartbeat(math.nan, True, 0.5), 10.0)[1] is Verdict.ALARM

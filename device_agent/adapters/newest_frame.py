@@ -9,6 +9,8 @@ from navcore.errors import SensorError
 from navcore.types import CameraIntrinsics, Frame
 
 _RETRY_AFTER_S = 0.2
+_AHEAD_S = 0.2
+"""Two clocks may differ by so much; a picture from the future would never be found stale."""
 
 
 class NewestFrameCamera:
@@ -45,6 +47,8 @@ class NewestFrameCamera:
         if frame is None:
             raise SensorError("The camera delivers no pictures: check its cable.")
         age_s = self._clock.now_s() - frame.stamp_s
+        if not age_s >= -_AHEAD_S:
+            raise SensorError("The camera's stamps are ahead of the clock: how old its pictures are cannot be told.")
         if age_s > self.timeout_s:
             raise SensorError(f"The camera's pictures are {age_s:.1f} s old: the device is overloaded.")
         return frame

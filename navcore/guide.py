@@ -45,9 +45,12 @@ from navcore.types import (
     SubGoal,
 )
 
-_OBSTACLE_REASONS = frozenset(
-    {Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE, Reason.DEPTH_INVALID}
-)
+_LEFT_SLOWLY = frozenset(
+    {
+        Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE, Reason.DEPTH_INVALID,
+        Reason.POSE_LOST,
+    }
+)  # fmt: skip
 """Stops that the walker leaves only after several free frames."""
 _TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
@@ -117,8 +120,11 @@ def guide(
     if route is None:
         return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
     pose = localization.pose
-    if pose is None or localization.quality is LocalizationQuality.LOST:
+    if pose is None or localization.quality is LocalizationQuality.LOST or not _is_finite(pose):
         return cycle.stop(Reason.POSE_LOST, trace, "the pose is lost")
+    uncertain = localization.quality is LocalizationQuality.UNCERTAIN
+    if uncertain and cycle.previous is not None and cycle.previous.reason is Reason.POSE_LOST:
+        return cycle.stop(Reason.POSE_LOST, trace, "the pose was lost and is not certain again")
     if trace.uncertain_since_s is not None and (
         stamp_s - trace.uncertain_since_s > settings.localization.uncertain_hold_s
     ):
@@ -254,7 +260,7 @@ def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why:
 def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
     """One frame suffices to stop; leaving a stop takes several."""
     before = cycle.previous
-    if before is not None and before.action is Action.STOP and before.reason in _OBSTACLE_REASONS:
+    if before is not None and before.action is Action.STOP and before.reason in _LEFT_SLOWLY:
         needed = cycle.settings.obstacle.leave_frames_count
         count = before.trace.free_frame_count + 1
         if count < needed:
@@ -308,6 +314,10 @@ def _blocking_reason(cycle: _Cycle, towards: float) -> Reason:
     return Reason.NO_CANDIDATE
 
 
+def _is_finite(pose: Pose2D) -> bool:
+    return math.isfinite(pose.x_m) and math.isfinite(pose.y_m) and math.isfinite(pose.heading)
+
+
 def _is_off_road(trace: DecisionTrace, settings: Settings) -> bool:
     return trace.deviation_m is not None and trace.deviation_m > settings.follower.off_road_distance_m
 
@@ -326,7 +336,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     before = None if cycle.previous is None else cycle.previous.trace
     uncertain_since_s = None if before is None else before.uncertain_since_s
     stopped_since_s = None if before is None else before.stopped_since_s
-    uncertain = localization.quality is LocalizationQuality.UNCERTAIN
+    sure = localization.quality is LocalizationQuality.LOCALIZED
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
         candidates=cycle.scan.candidates,
@@ -335,5 +345,5 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         sonar_m=echo_distance_m(cycle.sonar),
         stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,
         look_count=0 if before is None else before.look_count,
-        uncertain_since_s=(cycle.stamp_s if uncertain_since_s is None else uncertain_since_s) if uncertain else None,
+        uncertain_since_s=None if sure else cycle.stamp_s if uncertain_since_s is None else uncertain_since_s,
     )

@@ -124,6 +124,8 @@ class RouteStop:
     """Arc length from the start of the route."""
     spoken_name: str = ""
     """What the walker hears; the name where this is empty."""
+    is_silent: bool = False
+    """Not announced on the way: a junction to which nobody gave a spoken name means nothing to the walker."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -289,7 +291,7 @@ class DecisionTrace:
     look_count: int = 0
     """Sides that have been looked at since the walker last walked."""
     uncertain_since_s: float | None = None
-    """Since when the pose has been only "Uncertain"; None while it is better or worse."""
+    """Since when the pose has not been sure; None while it is."""
     rule: str = ""
     """The rule that decided, in a few words."""
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,12 +13,12 @@ from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle
 from navcore.cues.bus import CueBus, play
-from navcore.cues.speech import CueMemory, cues_for, repeat_last, say
+from navcore.cues.speech import CueMemory, cues_for, message_cue, repeat_last, say
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue, tone_samples
 from navcore.cues.table import PRIORITY, Cue, CueKind, CuePriority
 from navcore.cues.texts import STOP_TEXTS, TEXTS
 from navcore.settings import Settings
-from navcore.types import Action, DecisionTrace, Guidance, Reason, SonarState
+from navcore.types import Action, DecisionTrace, Guidance, Reason, RouteStop, SonarState
 
 SETTINGS = Settings()
 ROUTE = route_along((0, 0), (30, 0), name="Bar")
@@ -191,4 +192,68 @@ def test_the_beep_rises_and_quickens():
     assert pauses == sorted(pauses)
     assert (pauses[0], pauses[-1]) == pytest.approx((0.1, 1.0))
     assert tone_samples(tick_cue(0.0)).any()
-    assert tone_samples(stop_cue(0.0, Reason.OK)).shape == (0, 2)
+    assert tone_samples(message_cue(0.0, "Wait.")).shape == (0, 2)
+
+
+def test_stop_is_heard_even_without_a_voice():
+    assert np.abs(tone_samples(stop_cue(0.0, Reason.OK))).max() > 8000
+
+
+def test_a_momentary_failure_is_not_talked_about():
+    stream = (
+        guidance(
+            Action.WALK, i / 10, 0.0, sonar_state=SonarState.STALE if i % 7 == 0 else SonarState.OK,
+            uncertain_since_s=i / 10 - 0.2 if i % 9 < 5 else None,
+        )
+        for i in range(200)
+    )  # fmt: skip
+    assert CueKind.MESSAGE not in kinds(heard(stream))
+
+
+def test_notices_that_come_together_are_each_said_and_none_for_ever():
+    """Uncertain and off the road at once: said one after the other, not the first one over and over."""
+    stream = (
+        guidance(Action.WALK, i / 10, 0.0, Reason.OFF_ROAD, uncertain_since_s=0.0, sonar_state=SonarState.STALE)
+        for i in range(150)
+    )
+    texts = [cue.text for cue in heard(stream) if cue.kind is CueKind.MESSAGE]
+    assert texts[:2] == [TEXTS["en"]["off_road"], TEXTS["en"]["sonar_lost"]]
+    assert texts.count(TEXTS["en"]["pose_uncertain"]) == 1
+    assert texts.count(TEXTS["en"]["off_road"]) == 2, "every ten seconds"
+
+
+def test_a_notice_does_not_take_the_place_of_a_message_that_waits():
+    _, memory = cues_for(guidance(Action.TURN, 0.0, 90.0, Reason.OFF_ROAD), CueMemory(), ROUTE, SETTINGS, 0.0)
+    _, memory = say("Your friend is coming.", replace(memory, off_road_s=-math.inf), SETTINGS, 0.1)
+    stream = [guidance(Action.TURN, i / 10, 90.0, Reason.OFF_ROAD) for i in range(2, 60)]
+    assert "Your friend is coming." in [cue.text for cue in heard(stream, memory)]
+
+
+def test_an_announcement_that_steering_cuts_off_is_not_begun_again_and_again():
+    """Somebody who wobbles: an announcement waits until they walk straight, and is said once."""
+    stream = (
+        guidance(Action.WALK, i / 10, 0.0 if i % 25 < 14 else 20.0, remaining_m=30 - i * 0.08) for i in range(330)
+    )
+    texts = [cue.text for cue in heard(stream) if cue.kind in (CueKind.REASSURANCE, CueKind.POI_AHEAD)]
+    assert texts
+    assert len(texts) == len(set(texts))
+
+
+def test_no_turn_is_told_that_nobody_can_make():
+    cue = heard([guidance(Action.TURN, 0.0, -3.0)])[0]
+    assert (cue.angle_deg, cue.text) == (-10.0, "Turn right 10 degrees.")
+
+
+def test_a_turn_is_said_again_even_where_the_heading_never_rests():
+    stream = (guidance(Action.TURN, i / 10, 60.0, heading_deg=6.0 * (i % 2)) for i in range(120))
+    assert kinds(heard(stream)).count(CueKind.TURN) == 2
+
+
+def test_a_silent_junction_is_passed_in_silence():
+    stops = (RouteStop("j", "Junction 1", 10.0, is_silent=True), *ROUTE.stops)
+    memory, cues = CueMemory(), []
+    for i in range(330):
+        each = guidance(Action.WALK, i / 10, 0.0, remaining_m=30 - i * 0.08)
+        played, memory = cues_for(each, memory, replace(ROUTE, stops=stops), SETTINGS, i / 10)
+        cues += played
+    assert [cue.text for cue in cues if cue.kind is CueKind.POI_AHEAD] == ["Bar in 6 metres."]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image, route_along
 
-from navcore.geometry import world_from_camera_at
+from navcore.geometry import Transform, world_from_camera_at
 from navcore.guide import guide
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
@@ -74,7 +74,42 @@ def test_a_lost_pose_stops_and_an_uncertain_one_carries_on_for_a_short_time():
         assert (result.action is Action.WALK) == within
     assert result is not None
     assert result.reason is Reason.POSE_LOST
-    assert decide(at(2.0, stamp_s=5.0), found, result).action is Action.WALK
+    actions = []
+    for tenth in range(50, 53):
+        result = decide(at(2.0, stamp_s=tenth / 10), found, result)
+        actions.append(result.action)
+    assert actions == [Action.STOP, Action.STOP, Action.WALK], "no stop and go with every frame"
+
+
+def test_after_a_lost_pose_an_uncertain_one_is_not_enough():
+    here = at(2.0)
+    found = seen(here)
+    result = decide(at(2.0, stamp_s=0.1, quality="lost"), found, decide(here, found))
+    for tenth in range(2, 20):
+        result = decide(at(2.0, stamp_s=tenth / 10, quality="uncertain"), found, result)
+        assert (result.action, result.reason) == (Action.STOP, Reason.POSE_LOST)
+    for tenth in range(20, 23):
+        result = decide(at(2.0, stamp_s=tenth / 10), found, result)
+    assert result.action is Action.WALK
+
+
+def test_a_moment_of_loss_does_not_renew_the_time_for_which_an_uncertain_pose_is_followed():
+    here = at(2.0)
+    found, result = seen(here), None
+    for tenth in range(60):
+        quality = "lost" if tenth % 7 == 6 else "uncertain"
+        result = decide(at(2.0, stamp_s=tenth / 10, quality=quality), found, result)
+    assert result is not None
+    assert result.trace.uncertain_since_s == 0.0
+    assert result.reason is Reason.POSE_LOST
+
+
+def test_a_pose_that_is_no_number_is_lost():
+    here = at(2.0)
+    assert here.world_from_camera is not None
+    matrix = here.world_from_camera.matrix.copy()
+    matrix[0, 3] = np.nan
+    assert decide(replace(here, world_from_camera=Transform(matrix)), seen(here)).reason is Reason.POSE_LOST
 
 
 def test_arrival_is_final_for_this_route():

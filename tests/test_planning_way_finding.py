@@ -123,3 +123,19 @@ def test_a_kept_way_finder_gives_the_same_as_a_fresh_one():
     finder = WayFinder(graph)
     for x_m, goal in ((1.0, "c"), (9.0, "d"), (3.0, "b")):
         assert np.array_equal(finder.route_to(goal, x_m, 0.0).points_m, find_route(graph, x_m, 0.0, goal).points_m)
+
+
+def test_a_junction_without_a_spoken_name_is_passed_in_silence_unless_it_is_the_goal():
+    path = ((0.0, 0.0), (10.0, 0.0))
+    pois = {
+        "a": Poi("a", "A", "room", 0.0, 0.0),
+        "j": Poi("j", "Junction 1", "junction", 10.0, 0.0),
+        "k": Poi("k", "K", "junction", 20.0, 0.0, spoken_name="the fountain"),
+        "b": Poi("b", "B", "junction", 30.0, 0.0),
+    }
+    edges = {
+        name: Edge(name, name[0], name[1], tuple((x + 10.0 * i, y) for x, y in path), 10.0)
+        for i, name in enumerate(("aj", "jk", "kb"))
+    }
+    stops = find_route(PoiGraph(1, pois, edges), 1.0, 0.0, "b").stops
+    assert [(stop.poi_id, stop.is_silent) for stop in stops] == [("j", True), ("k", False), ("b", False)]

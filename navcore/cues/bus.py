@@ -70,7 +70,7 @@ def _begin(
     rest = {priority: cue for priority, cue in waiting.items() if cue is not chosen}
     if speaking is not None and speaking.priority < chosen.priority:
         rest.setdefault(speaking.priority, speaking)
-    until_s = now_s + speech_duration_s(chosen.text, language) + _PAUSE_S
+    until_s = now_s + chosen.duration_s + speech_duration_s(chosen.text, language) + _PAUSE_S
     return (chosen,), CueBus(chosen, until_s, tuple(rest.values()), chosen)
 
 

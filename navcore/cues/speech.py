@@ -30,7 +30,14 @@ _STANDING_HOLD_S = 0.5
 """Somebody who stands already hears a new reason only after it has held for so long."""
 _STOP_REPEAT_FACTOR = 3.0
 _ROUND_TO_DEG = 5.0
+_SMALLEST_TURN_DEG = 10.0
+"""Nobody can turn by less to order: turns without vision err by several degrees."""
 _OFF_ROAD_REPEAT_S = 10.0
+_UNCERTAIN_REPEAT_S = 20.0
+_NOTICE_HOLD_S = 1.0
+"""A sensor or a pose that fails for a moment only is not talked about; guidance heeds it at once."""
+_STRAIGHT_HOLD_S = 1.0
+"""There is time for an announcement when the walker has needed no steering for so long."""
 _LOST_STATES = frozenset({SonarState.STALE, SonarState.ABSENT})
 
 
@@ -57,7 +64,13 @@ class CueMemory:
     beep_s: float = -math.inf
     off_road_s: float = -math.inf
     sonar_lost: bool = False
-    uncertain: bool = False
+    """What the walker was last told of the rangefinder."""
+    sonar_changed_s: float | None = None
+    """Since when it has been otherwise."""
+    uncertain_s: float = -math.inf
+    """When the walker was last told that the position is uncertain."""
+    straight_since_s: float | None = None
+    """Since when the walker has been walking straight on."""
     route_version: int | None = None
     reassured_m: float | None = None
     """Distance left when the walker last heard that all is well."""
@@ -82,13 +95,13 @@ def cues_for(
         now_s: the present time, on the scale of the stamps.
     """
     before = memory
-    memory = _of_route(_with_heading(memory, guidance, now_s), guidance)
+    memory = _with_straight(_of_route(_with_heading(memory, guidance, now_s), guidance), guidance, settings, now_s)
     wanted: list[Cue] = []
     for stage in (_instruction, _heart_beat, _beep, _notices, _reassurance, _places_ahead):
         cues, memory = stage(guidance, memory, route, settings, now_s)
         wanted += cues
     played, heard = cue_bus.play(
-        memory.bus, wanted, now_s, settings.cues.language, lambda cue: _still_holds(cue, guidance)
+        memory.bus, wanted, now_s, settings.cues.language, lambda cue: _still_holds(cue, guidance, settings)
     )
     if not any(cue.kind in (CueKind.WALK, CueKind.TICK, CueKind.STEER) for cue in played):
         # A tone that could not be heard, because somebody spoke, is due at once when they have finished.
@@ -153,7 +166,7 @@ def _turn(guidance: Guidance, memory: CueMemory, settings: CueSettings, now_s: f
     target = None if heading is None else heading + guidance.direction
     if memory.told_action is Action.TURN and not _turn_is_due(memory, target, settings, now_s):
         return [], memory
-    angle_deg = _rounded_deg(guidance.direction)
+    angle_deg = math.copysign(max(_SMALLEST_TURN_DEG, abs(_rounded_deg(guidance.direction))), guidance.direction)
     cue = Cue(now_s, CueKind.TURN, PRIORITY[CueKind.TURN], turn_text(angle_deg, settings.language), angle_deg)
     return [cue], replace(_told(memory, guidance, now_s), told_target_rad=target, still_since_s=now_s)
 
@@ -170,7 +183,9 @@ def _turn_is_due(memory: CueMemory, target: float | None, settings: CueSettings,
     )
     has_turned = memory.still_since_s > memory.told_s
     stands_still = now_s - memory.still_since_s >= _STILL_S
-    return is_new or (stands_still and (has_turned or since_s >= settings.turn_repeat_s))
+    # Where poses are so noisy that nobody seems ever to stand still, it is said again all the same.
+    forgotten = since_s >= _STOP_REPEAT_FACTOR * settings.turn_repeat_s
+    return is_new or forgotten or (stands_still and (has_turned or since_s >= settings.turn_repeat_s))
 
 
 def _walk(guidance: Guidance, memory: CueMemory, settings: CueSettings, now_s: float) -> Stage:
@@ -207,24 +222,30 @@ def _beep(guidance: Guidance, memory: CueMemory, route: Route | None, settings: 
 
 # ------------------------------------------------------------------------------------------------- announcements
 def _notices(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Stage:
-    """Each change that the walker should know of is said once."""
-    texts, cues = TEXTS[settings.cues.language], []
+    """Each change that the walker should know of is said once; one at a time, and not over a message that waits."""
     if guidance.reason is Reason.NO_ROUTE:
         return [], memory
-    lost = guidance.trace.sonar_state in _LOST_STATES
-    if lost != memory.sonar_lost:
-        cues.append(message_cue(now_s, texts["sonar_lost" if lost else "sonar_back"]))
-    uncertain = guidance.trace.uncertain_since_s is not None
-    if uncertain and not memory.uncertain:
-        cues.append(message_cue(now_s, texts["pose_uncertain"]))
-    off_road = guidance.reason is Reason.OFF_ROAD and now_s - memory.off_road_s > _OFF_ROAD_REPEAT_S
-    if off_road:
-        cues.append(Cue(now_s, CueKind.MESSAGE, CuePriority.OFF_ROAD, texts["off_road"]))
-    off_road_s = now_s if off_road else memory.off_road_s
-    # At one level only the newest is kept: what was not said now is said with the next frame.
-    if len(cues) > 1:
-        return cues[:1], replace(memory, sonar_lost=lost)
-    return cues, replace(memory, sonar_lost=lost, uncertain=uncertain, off_road_s=off_road_s)
+    texts = TEXTS[settings.cues.language]
+    memory = _with_sonar(memory, guidance, now_s)
+    if any(cue.priority is CuePriority.OFF_ROAD for cue in memory.bus.waiting):
+        return [], memory
+    if memory.sonar_changed_s is not None and now_s - memory.sonar_changed_s >= _NOTICE_HOLD_S:
+        lost = not memory.sonar_lost
+        told = replace(memory, sonar_lost=lost, sonar_changed_s=None)
+        return [message_cue(now_s, texts["sonar_lost" if lost else "sonar_back"])], told
+    since_s = guidance.trace.uncertain_since_s
+    uncertain = guidance.action is not Action.STOP and since_s is not None and now_s - since_s >= _NOTICE_HOLD_S
+    if uncertain and now_s - memory.uncertain_s > _UNCERTAIN_REPEAT_S:
+        return [message_cue(now_s, texts["pose_uncertain"])], replace(memory, uncertain_s=now_s)
+    if guidance.reason is Reason.OFF_ROAD and now_s - memory.off_road_s > _OFF_ROAD_REPEAT_S:
+        return [message_cue(now_s, texts["off_road"])], replace(memory, off_road_s=now_s)
+    return [], memory
+
+
+def _with_sonar(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMemory:
+    if (guidance.trace.sonar_state in _LOST_STATES) == memory.sonar_lost:
+        return replace(memory, sonar_changed_s=None)
+    return replace(memory, sonar_changed_s=now_s) if memory.sonar_changed_s is None else memory
 
 
 def _reassurance(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Stage:
@@ -233,7 +254,7 @@ def _reassurance(guidance: Guidance, memory: CueMemory, route: Route | None, set
         return [], memory
     if memory.reassured_m is None:
         return [], replace(memory, reassured_m=left_m)
-    if memory.reassured_m - left_m < settings.cues.reassurance_m or not _is_straight(guidance, settings):
+    if memory.reassured_m - left_m < settings.cues.reassurance_m or not _has_time(memory, now_s):
         return [], memory
     text = TEXTS[settings.cues.language]["reassurance"].format(metres=round(left_m))
     cue = Cue(now_s, CueKind.REASSURANCE, PRIORITY[CueKind.REASSURANCE], text, distance_m=left_m)
@@ -244,12 +265,12 @@ def _places_ahead(
     guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
 ) -> Stage:
     left_m = guidance.trace.remaining_m
-    if route is None or left_m is None or not _is_straight(guidance, settings):
+    if route is None or left_m is None or not _has_time(memory, now_s):
         return [], memory
     done_m = route.length_m - left_m
     for stop in route.stops:
         ahead_m = stop.distance_m - done_m
-        if stop.poi_id in memory.announced or not 1.0 < ahead_m <= settings.cues.announce_m:
+        if stop.is_silent or stop.poi_id in memory.announced or not 1.0 < ahead_m <= settings.cues.announce_m:
             continue
         text = TEXTS[settings.cues.language]["poi_ahead"].format(name=_spoken(stop), metres=round(ahead_m))
         cue = Cue(now_s, CueKind.POI_AHEAD, PRIORITY[CueKind.POI_AHEAD], text, distance_m=ahead_m)
@@ -258,12 +279,11 @@ def _places_ahead(
 
 
 # --------------------------------------------------------------------------------------------------------- parts
-def _still_holds(cue: Cue, guidance: Guidance) -> bool:
-    """Whether a sentence that waited, or was cut off, is still true."""
-    holds_while = {
-        CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK,
-        CueKind.POI_AHEAD: Action.WALK, CueKind.REASSURANCE: Action.WALK,
-    }  # fmt: skip
+def _still_holds(cue: Cue, guidance: Guidance, settings: Settings) -> bool:
+    """Whether a sentence that waited, or was cut off, is still true; an announcement gives way to steering for good."""
+    holds_while = {CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK}
+    if cue.kind in (CueKind.POI_AHEAD, CueKind.REASSURANCE):
+        return _is_straight(guidance, settings)
     if cue.kind is CueKind.ARRIVED:
         return guidance.reason is Reason.ARRIVED
     return cue.kind not in holds_while or guidance.action is holds_while[cue.kind]
@@ -274,6 +294,12 @@ def _with_heading(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMem
     if heading is None or (memory.heading_rad is not None and abs(wrap_rad(heading - memory.heading_rad)) < _STILL_RAD):
         return memory
     return replace(memory, heading_rad=float(heading), still_since_s=now_s)
+
+
+def _with_straight(memory: CueMemory, guidance: Guidance, settings: Settings, now_s: float) -> CueMemory:
+    if not _is_straight(guidance, settings):
+        return replace(memory, straight_since_s=None)
+    return replace(memory, straight_since_s=now_s) if memory.straight_since_s is None else memory
 
 
 def _of_route(memory: CueMemory, guidance: Guidance) -> CueMemory:
@@ -294,10 +320,15 @@ def _is_repeated(reason: Reason) -> bool:
 
 
 def _is_straight(guidance: Guidance, settings: Settings) -> bool:
-    """Whether the walker walks straight on, so that there is time for words."""
+    """Whether the walker walks straight on."""
     if guidance.action is not Action.WALK or guidance.direction is None:
         return False
     return abs(math.degrees(guidance.direction)) <= settings.cues.straight_within_deg
+
+
+def _has_time(memory: CueMemory, now_s: float) -> bool:
+    """Whether the walker has been walking straight on for long enough to listen."""
+    return memory.straight_since_s is not None and now_s - memory.straight_since_s >= _STRAIGHT_HOLD_S
 
 
 def _rounded_deg(direction_rad: float) -> float:

@@ -13,6 +13,7 @@ from navcore.types import Reason
 
 SAMPLE_RATE_HZ = 16_000
 TICK_HZ, TICK_S = 440.0, 0.05
+STOP_HZ, STOP_S = 330.0, 0.2
 STEER_S = 0.15
 BEEP_S = 0.06
 _STEER_HZ, _STEER_SPAN_HZ = 660.0, 220.0
@@ -24,8 +25,11 @@ _LOUDNESS = 0.5
 
 
 def stop_cue(stamp_s: float, reason: Reason, language: Language = "en") -> Cue:
-    """Return the cue *Stop* with its reason; the watchdog's, too."""
-    return Cue(stamp_s, CueKind.STOP, PRIORITY[CueKind.STOP], stop_text(reason, language))
+    """Return the cue *Stop* with its reason; the watchdog's, too. Its tone is heard even where there is no voice."""
+    return Cue(
+        stamp_s, CueKind.STOP, PRIORITY[CueKind.STOP], stop_text(reason, language),
+        frequency_hz=STOP_HZ, duration_s=STOP_S,
+    )  # fmt: skip
 
 
 def tick_cue(stamp_s: float) -> Cue:

@@ -31,7 +31,7 @@ class Poi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     on_road: bool = True
     """Snapped to the virtual blind road; a free-standing PoI is shown as such and is no destination."""
     spoken_name: Annotated[str, msgspec.Meta(max_length=80)] = ""
-    """What the walker hears; the name where this is empty."""
+    """What the walker hears; the name where this is empty. A junction without one is passed in silence."""
     notes: Annotated[str, msgspec.Meta(max_length=2000)] = ""
 
 
@@ -59,3 +59,10 @@ class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Grows with every edit; the device acknowledges the one that it runs."""
     pois: dict[str, Poi] = {}
     edges: dict[str, Edge] = {}
+
+    def loose_edge(self) -> Edge | None:
+        """Return an edge that does not join two different places of this graph; None where all do."""
+        for edge in self.edges.values():
+            if edge.a == edge.b or edge.a not in self.pois or edge.b not in self.pois:
+                return edge
+        return None

@@ -114,7 +114,7 @@ class WayFinder:
         arc_length_m = arc_lengths_m(points)
         scale = float(arc_length_m[-1]) / arcs[-1] if arcs[-1] > 1e-9 else 1.0
         stops = tuple(
-            RouteStop(poi_id, self.graph.pois[poi_id].name, arc_m * scale, self.graph.pois[poi_id].spoken_name)
+            _stop(self.graph.pois[poi_id], arc_m * scale, poi_id == way.poi_ids[-1])
             for poi_id, arc_m in zip(way.poi_ids, arcs, strict=True)
             if arc_m > _AT_POI_M or poi_id == way.poi_ids[-1]
         )
@@ -179,6 +179,11 @@ def _astar(ways: nx.DiGraph[str], graph: PoiGraph, leg: _Leg, goal_id: str) -> _
         return None
     cost_m = sum(ways.edges[a, b]["cost_m"] for a, b in itertools.pairwise(poi_ids))
     return _Way(leg.cost_m + cost_m, leg, tuple(poi_ids))
+
+
+def _stop(poi: Poi, distance_m: float, is_goal: bool) -> RouteStop:
+    is_silent = poi.kind == "junction" and not poi.spoken_name and not is_goal
+    return RouteStop(poi.id, poi.name, distance_m, poi.spoken_name, is_silent)
 
 
 def _length_m(path_m: FloatArray) -> float:

@@ -14,15 +14,19 @@ from navcore.site import load_site
 def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, Any]:
     """Walk from one place to another and return what came of it, ready to be printed."""
     from device_agent.adapters.wav_file import WavFileOutput
+    from device_agent.places import find_place
     from device_agent.simulation.office_floor import office_floor
     from device_agent.speech import Speech
     from device_agent.walk import run_walk
 
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
+    site = load_site(site_folder)
+    # Before the file of an earlier walk is overwritten.
+    find_place(site.poi_graph, arguments.to)
     output = WavFileOutput(arguments.wav, Speech(settings.cues.language)) if arguments.wav is not None else None
     try:
         result = run_walk(
-            load_site(site_folder),
+            site,
             office_floor(),
             arguments.start,
             arguments.to,

@@ -48,8 +48,12 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 
 def checked_console_url(url: str) -> str:
     """Return the console's address. Raises InputError where it is none, or would send the token in the clear."""
-    parts = urlsplit(url)
-    if parts.scheme not in ("ws", "wss") or not parts.hostname:
+    try:
+        parts = urlsplit(url)
+        is_address = parts.scheme in ("ws", "wss") and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        is_address = False
+    if not is_address:
         raise InputError(f"{url!r} is no address of a console: write ws:// or wss://, host and port.")
     if parts.scheme == "ws" and parts.hostname not in _LOOPBACK:
         raise InputError(f"{url} would send the device's token in the clear: use wss:// beyond this machine.")
@@ -84,6 +88,16 @@ def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
         raise InputError(f"{ca_file} is no certificate ({error}): name the console's certificate (PEM).") from error
 
 
+def _make_state_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(
+            f"{folder}, where settings and events are kept, cannot be made ({error.strerror}): name another with"
+            " --state."
+        ) from error
+
+
 def _run(arguments: argparse.Namespace) -> int:
     options = _options(arguments)
     from device_agent.device_process import run_device
@@ -99,15 +113,20 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
     Settings().changed(changes)
     if not arguments.simulated and arguments.recording is None:
         raise InputError("The device needs sensors: name --simulated, or --recording DIR.")
+    if arguments.simulated and arguments.recording is not None:
+        raise InputError("The device has one camera: name --simulated or --recording DIR, not both.")
     if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", arguments.device_id) is None:
         raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
     url = checked_console_url(arguments.console) if arguments.console else None
+    token = read_token(arguments.token_file) if url else ""
+    state = arguments.state or default_state_folder(arguments.device_id)
+    _make_state_folder(state)
     return DeviceOptions(
         site=arguments.site,
-        state=arguments.state or default_state_folder(arguments.device_id),
+        state=state,
         device_id=arguments.device_id,
         console_url=url,
-        token=read_token(arguments.token_file) if url else "",
+        token=token,
         tls=_tls(arguments.ca_file),
         changes=changes,
         to=arguments.to,

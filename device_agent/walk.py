@@ -30,6 +30,8 @@ from navcore.wire import SetDestination
 
 _AFTER_ARRIVAL_S = 2.0
 """The walker needs this long to come to a stand; a contact meanwhile counts."""
+_NO_WAY_S = 10.0
+"""Somebody who stands and has been shown no way for this long will not be shown one."""
 
 
 def run_walk(
@@ -84,11 +86,14 @@ def _place_m(building: Building, name: str) -> FloatArray | None:
 
 def _walked(agent: DeviceAgent, world: SimulatedWorld, max_s: float) -> list[Sample]:
     samples: list[Sample] = []
-    ended, end_s = False, world.now_s() + max_s
+    begin_s = world.now_s()
+    ended, end_s = False, begin_s + max_s
     while world.now_s() < end_s:
         cycle = agent.run_cycle()
         agent.watchdog.check()
         samples.append(Sample(cycle, np.array(world.true_head().translation[:2]), agent.state.mode, agent.state.route))
         if not ended and agent.state.mode in ("arrived", "idle"):
             ended, end_s = True, min(end_s, world.now_s() + _AFTER_ARRIVAL_S)
+        if not ended and agent.state.route is None and world.now_s() > begin_s + _NO_WAY_S:
+            break
     return samples

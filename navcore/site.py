@@ -163,9 +163,15 @@ def load_poi_graph(folder: Path) -> PoiGraph:
     if not path.exists():
         return PoiGraph()
     try:
-        return msgspec.json.decode(path.read_bytes(), type=PoiGraph)
-    except (OSError, msgspec.MsgspecError) as error:
+        graph = msgspec.json.decode(path.read_bytes(), type=PoiGraph)
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise SiteError(f"{path} is damaged ({error}): publish the PoI-graph again from the console.") from error
+    if (loose := graph.loose_edge()) is not None:
+        raise SiteError(
+            f"{path} is damaged (edge {loose.id} does not join two of its places): publish the PoI-graph again from the"
+            " console."
+        )
+    return graph
 
 
 def save_poi_graph(graph: PoiGraph, folder: Path) -> None:

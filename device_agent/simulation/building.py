@@ -81,12 +81,11 @@ class Building:
     """Of the pictures that are painted on the surfaces."""
 
     def place(self, name: str) -> Place:
-        """Return a place by its name. Raises InputError."""
-        if name not in self.places:
-            raise InputError(
-                f"There is no place named {name!r} in {self.name}: choose one of {', '.join(self.places)}."
-            )
-        return self.places[name]
+        """Return a place by its name, in any case. Raises InputError."""
+        for place in self.places.values():
+            if place.name.casefold() == name.strip().casefold():
+                return place
+        raise InputError(f"There is no place named {name!r} in {self.name}: choose one of {', '.join(self.places)}.")
 
     def with_pieces(self, *pieces: Piece) -> Building:
         """Return the building with more things standing in it."""

@@ -173,12 +173,12 @@ def validate(graph: PoiGraph) -> None:
         if key != poi.id:
             raise InputError(f"The place {poi.id!r} is filed under {key!r}: import the graph again.")
         _checked_poi(poi)
+    if (loose := graph.loose_edge()) is not None:
+        raise InputError(f"The edge {loose.id} does not join two places of the graph: delete it.")
     pairs: set[frozenset[str]] = set()
     for key, edge in graph.edges.items():
         if key != edge.id:
             raise InputError(f"The edge {edge.id!r} is filed under {key!r}: import the graph again.")
-        if edge.a == edge.b or edge.a not in graph.pois or edge.b not in graph.pois:
-            raise InputError(f"The edge {edge.id} does not join two places of the graph: delete it.")
         if frozenset((edge.a, edge.b)) in pairs:
             raise InputError(f"The edge {edge.id} joins places that another edge joins already: delete one.")
         pairs.add(frozenset((edge.a, edge.b)))

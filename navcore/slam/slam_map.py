@@ -132,6 +132,9 @@ class SlamMap:
             )
         except (KeyError, ValueError, IndexError, TypeError) as error:
             raise _damaged("its index of places is incomplete") from error
+        ids = arrays[f"{_PLACE_PREFIX}image_ids"]
+        if len(ids) and (ids.min() < 0 or ids.max() >= len(checked["keyframe_stamp_s"])):
+            raise _damaged("its index of places points at nothing")
         values = checked.pop("camera")
         camera = SlamCamera(int(values[0]), int(values[1]), *(float(value) for value in values[2:]))
         return _assembled(camera, places, checked)

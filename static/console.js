@@ -1,6 +1,6 @@
 import { post } from "./api.js";
 import { $, badge, el, icon, onChange, setText } from "./dom.js";
-import { Graph, KIND_NAMES, undoKeys } from "./graph.js";
+import { Graph, inListOrder, KIND_NAMES, undoKeys } from "./graph.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
 import { start } from "./shell.js";
 import { tabs } from "./tabs.js";
@@ -16,7 +16,10 @@ let renaming = null;
 
 tabs(document.querySelector("[role=tablist]"));
 undoKeys(graph);
-if (!me.mayEdit) for (const id of ["publish", "undo", "redo"]) $(id).hidden = true;
+if (!me.mayEdit) {
+  for (const id of ["publish", "undo", "redo", "guide-controls"]) $(id).hidden = true;
+  setText($("guide-title"), "Speak to the walker");
+}
 for (const [id, name] of [["undo", "undo"], ["redo", "redo"]]) $(id).prepend(icon(name));
 
 // ------------------------------------------------------------------------------------------------------------ live
@@ -94,14 +97,17 @@ function nameGuideButton() {
 
 const showDestinations = onChange((destinations) => {
   const before = $("destination").value;
-  const options = destinations.map(({ id, name }) => el("option", { value: id }, name));
-  $("destination").replaceChildren(el("option", { value: "" }, "Choose a place…"), ...options);
+  const options = (chosen) => inListOrder(chosen).map(({ id, name }) => el("option", { value: id }, name));
+  const junctions = options(destinations.filter(({ kind }) => kind === "junction"));
+  $("destination").replaceChildren(
+    el("option", { value: "" }, "Choose a place…"), ...options(destinations.filter(({ kind }) => kind !== "junction")),
+    ...(junctions.length ? [el("optgroup", { label: "Junctions" }, ...junctions)] : []));
   if (destinations.some(({ id }) => id === before)) $("destination").value = before;
   nameGuideButton();
 });
 
 const STATES = {
-  sent: ["info", "…", "sent"], running: ["good", "✓", "done"], refused: ["bad", "✕", "refused"],
+  sent: ["info", "…", "sent"], running: ["good", "✓", "accepted"], refused: ["bad", "✕", "refused"],
   unanswered: ["warn", "○", "not answered"],
 };
 const showCommands = onChange((commands) => {
@@ -124,7 +130,8 @@ function showGraph(data) {
   showDestinations(data.destinations);
   showPlaces({ pois: data.pois, edges: data.edges.map(({ a, b }) => [a, b]) });
   const unpublished = data.pois.filter(({ id }) => !data.destinations.some((place) => place.id === id)).length;
-  const hint = unpublished ? `Only published places are offered; ${unpublished} of the draft are not published yet.` : "";
+  const not = unpublished === 1 ? "One place is" : `${unpublished} places are`;
+  const hint = unpublished ? `${not} not published yet: only what is published (tab Places) is offered here.` : "";
   setText($("destination-hint"), hint);
 }
 
@@ -150,8 +157,7 @@ function drawPlaces({ pois, edges }) {
   $("no-places").hidden = pois.length > 0;
   // Somebody is typing a new name: the list is drawn when they are done.
   if (renaming) return;
-  const sorted = [...pois].sort((a, b) => a.name.localeCompare(b.name, undefined, { numeric: true }));
-  $("places").replaceChildren(...sorted.map((poi) => placeItem(poi, edges.filter((ends) => ends.includes(poi.id)).length)));
+  $("places").replaceChildren(...inListOrder(pois).map((poi) => placeItem(poi, edges.filter((ends) => ends.includes(poi.id)).length)));
 }
 
 function placeItem(poi, ways) {

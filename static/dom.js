@@ -64,8 +64,8 @@ export function badge(kind, mark, text) {
 }
 
 /** "3.2 m", or a dash where there is nothing. */
-export function metres(value) {
-  return value === null || value === undefined ? "–" : `${value.toFixed(value < 9.95 ? 1 : 0)} m`;
+export function metres(value, digits = value < 9.95 ? 1 : 0) {
+  return value === null || value === undefined ? "–" : `${value.toFixed(digits)} m`;
 }
 
 /** "now", "4 s ago", "3 min ago". */

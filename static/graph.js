@@ -65,6 +65,12 @@ export class Graph {
   }
 }
 
+/** Places in the order of a list: what people walk to first, then the junctions in between; each by name. */
+export function inListOrder(pois) {
+  const between = ({ kind }) => Number(kind === "junction");
+  return [...pois].sort((a, b) => between(a) - between(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
+}
+
 /** Ctrl+Z and Ctrl+Shift+Z (or Ctrl+Y) outside of text fields. */
 export function undoKeys(graph) {
   document.addEventListener("keydown", (event) => {
@@ -79,6 +85,6 @@ export function undoKeys(graph) {
 }
 
 export const KIND_NAMES = {
-  room: "Room", toilet: "Toilet", bar: "Bar", lounge: "Lounge", hall: "Hall", junction: "Junction", lift: "Lift",
+  room: "Room", toilet: "Wash room", bar: "Bar", lounge: "Lounge", hall: "Hall", junction: "Junction", lift: "Lift",
   stairs: "Stairs", door: "Door", entrance: "Entrance", exit: "Exit", other: "Other",
 };

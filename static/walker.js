@@ -2,7 +2,7 @@
 
 import { $, ago, el, icon, metres, onChange, setText } from "./dom.js";
 
-const QUALITY = { localized: "● Localized", uncertain: "◐ Uncertain", lost: "✕ Lost" };
+const QUALITY = { localized: "● Known", uncertain: "◐ Uncertain", lost: "✕ Lost" };
 const SONAR = { no_echo: "no echo", stale: "silent", absent: "none" };
 const SPOKEN = { walk: "Walking.", turn: "Turning.", stop: "Standing.", arrived: "Arrived.", idle: "Waiting." };
 const DEPTH_EVERY_MS = 400;
@@ -45,9 +45,10 @@ export class Walker {
     $("now").dataset.action = action;
     this.drawSign(sign);
     setText($("now-action"), words);
-    setText($("now-reason"), state.reason);
+    const reason = state.mode === "idle" ? "Choose where to go below." : state.reason;
+    setText($("now-reason"), reason);
     // For screen readers: what changes a few times a minute, not every degree.
-    setText($("now-said"), `${SPOKEN[action]} ${state.reason}`);
+    setText($("now-said"), `${SPOKEN[action]} ${reason}`);
     $("now-cue").hidden = !state.last_cue;
     setText($("now-cue-text"), state.last_cue);
     setText($("now-cue-age"), state.last_cue_age_s === null ? "" : ago(state.last_cue_age_s + elapsed_s));
@@ -94,17 +95,18 @@ function decision(state, name) {
 }
 
 function figures(device, state) {
-  const uncertainty = state.position_std_m === null ? "" : `± ${state.position_std_m.toFixed(2)} m`;
-  const delay = device.link_delay_s === null ? "–" : `${Math.max(1, Math.round(device.link_delay_s * 1000))}`;
+  const sure = state.quality === "localized" && state.position_std_m !== null;
+  const uncertainty = sure ? `± ${Math.max(1, Math.round(state.position_std_m * 100))} cm` : "";
+  const delay = device.link_delay_s === null ? ["–"] : [Math.max(1, Math.round(device.link_delay_s * 1000)), "ms"];
   return [
-    ["Localization", QUALITY[state.quality], uncertainty],
-    ["Deviation from the road", state.deviation_m === null ? "–" : state.deviation_m.toFixed(2), "m"],
+    ["Position", QUALITY[state.quality], uncertainty],
+    ["Off the route by", metres(state.deviation_m, 2)],
     ["Distance left", metres(state.remaining_m)],
-    ["Speed", state.speed_m_s === null ? "–" : state.speed_m_s.toFixed(1), "m/s"],
+    ["Speed", ...(state.speed_m_s === null ? ["–"] : [state.speed_m_s.toFixed(1), "m/s"])],
     ["Nearest ahead (camera)", state.nearest_ahead_m === null ? "free" : metres(state.nearest_ahead_m)],
     ["Ultrasonic", state.sonar_state === "ok" ? metres(state.sonar_m) : SONAR[state.sonar_state]],
-    ["Cycle", state.cycle_ms.toFixed(0), `ms, ${state.frame_rate_hz.toFixed(0)} per second`],
-    ["Link delay", delay, "ms"],
+    ["Camera pictures", state.frame_rate_hz.toFixed(0), `per second, ${state.cycle_ms.toFixed(0)} ms each`],
+    ["Link delay", ...delay],
   ];
 }
 

@@ -168,7 +168,7 @@ def test_a_walk_is_started_and_seen_and_a_lost_device_never_looks_live(page: Pag
     page.get_by_label("Destination").select_option(label="Bar")
     page.get_by_role("button", name="Guide to Bar").click()
     expect(page.locator("#now-action")).to_have_text("Walking to Bar")
-    expect(page.locator("#commands")).to_contain_text("done")
+    expect(page.locator("#commands")).to_contain_text("accepted")
     device.vanish()
     expect(page.locator("#freshness")).to_have_text("LOST")
     expect(page.locator("#dated")).to_contain_text("not connected")

@@ -69,21 +69,21 @@ def test_the_floor_holds_the_road_and_few_strays_do_not_stretch_it() -> None:
 # ------------------------------------------------------------------------------------------------------- cameras
 @given(
     width_m=st.floats(3.0, 200.0), depth_m=st.floats(3.0, 200.0), aspect=st.floats(0.9, 2.4),
-    x_m=st.floats(-50.0, 50.0), above=st.booleans(),
+    x_m=st.floats(-50.0, 50.0), above=st.booleans(), covered=st.floats(0.0, 0.3),
 )  # fmt: skip
 @settings(deadline=None, max_examples=80)
-def test_the_first_view_holds_the_whole_floor(
-    width_m: float, depth_m: float, aspect: float, x_m: float, above: bool
+def test_the_first_view_holds_the_whole_floor_clear_of_the_panel(
+    width_m: float, depth_m: float, aspect: float, x_m: float, above: bool, covered: float
 ) -> None:
     bounds = FloorBounds(x_m, 0.0, x_m + width_m, depth_m)
-    lens = lens_of((plan_view if above else overview)(bounds, aspect), aspect)
+    lens = lens_of((plan_view if above else overview)(bounds, aspect, covered), aspect)
     corners = np.array([[x, y, 0.0] for x in (bounds.x_min_m, bounds.x_max_m) for y in (0.0, depth_m)])
     pixels, depths = project(corners, lens)
     assert (depths > 0).all()
     assert (pixels >= 0).all()
-    assert (pixels[:, 0] <= lens.width_px).all()
+    assert (pixels[:, 0] <= lens.width_px * (1.0 - covered)).all()
     assert (pixels[:, 1] <= lens.height_px).all()
-    shares = (pixels.max(axis=0) - pixels.min(axis=0)) / np.array([lens.width_px, lens.height_px])
+    shares = (pixels.max(axis=0) - pixels.min(axis=0)) / np.array([lens.width_px * (1.0 - covered), lens.height_px])
     assert shares.max() > 0.4, "and not from farther than is needed"
 
 

@@ -15,12 +15,12 @@ Rgb = tuple[int, int, int]
 Shape = Literal["ball", "box", "post", "diamond"]
 
 ROAD: Rgb = (240, 200, 80)
-EDGE: Rgb = (0, 110, 200)
+EDGE: Rgb = (88, 104, 124)
 EDGE_CLOSED: Rgb = (200, 60, 0)
 EDGE_SELECTED: Rgb = (255, 240, 120)
 PREVIEW: Rgb = (255, 240, 150)
 ARROW: Rgb = (235, 245, 255)
-ROUTE: Rgb = (60, 140, 255)
+ROUTE: Rgb = (20, 120, 255)
 TRAIL: Rgb = (190, 120, 220)
 WALKER: Rgb = (230, 60, 60)
 WALKER_STALE: Rgb = (130, 130, 135)

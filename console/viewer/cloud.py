@@ -19,7 +19,6 @@ _SURFACE_CELL_M = 0.25
 FOV_RAD = math.radians(50.0)
 """Vertical field of view of the scene's camera."""
 _OBLIQUE_RAD = math.radians(60.0)
-_PANEL_SHARE = 0.1
 _FILLED_SHARE = 0.96
 
 
@@ -122,37 +121,48 @@ def floor_bounds(points_m: NDArray[np.float32], roads_m: Sequence[FloatArray]) -
     return FloorBounds(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
 
-def overview(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
-    """Return an oblique view that holds the whole floor, its longer side across a window of this width to height."""
-    return _view_from(bounds, aspect, _OBLIQUE_RAD)
+def overview(bounds: FloorBounds, aspect: float = 1.5, covered: float = 0.25) -> CameraView:
+    """Return an oblique view that holds the whole floor, its longer side across a window of this width to height.
+
+    ``covered`` is the share of the window's width that the panel hides, at its right: the floor lies left of it.
+    """
+    return _view_from(bounds, aspect, _OBLIQUE_RAD, covered)
 
 
-def plan_view(bounds: FloorBounds, aspect: float = 1.5) -> CameraView:
-    """Return the view straight down onto the whole floor, its longer side across the window."""
+def plan_view(bounds: FloorBounds, aspect: float = 1.5, covered: float = 0.25) -> CameraView:
+    """Return the view straight down onto the whole floor, its longer side across the window; else as the overview."""
     # A camera exactly above has no "up" in the window: a hair to the side gives it one.
-    return _view_from(bounds, aspect, math.radians(89.4))
+    return _view_from(bounds, aspect, math.radians(89.4), covered)
 
 
-def _view_from(bounds: FloorBounds, aspect: float, elevation_rad: float) -> CameraView:
+def _view_from(bounds: FloorBounds, aspect: float, elevation_rad: float, covered: float) -> CameraView:
     is_wide = bounds.width_m >= bounds.depth_m
     side = np.array([0.0, -1.0, 0.0]) if is_wide else np.array([1.0, 0.0, 0.0])
     right = np.array([1.0, 0.0, 0.0]) if is_wide else np.array([0.0, 1.0, 0.0])
     towards = side * math.cos(elevation_rad) + np.array([0.0, 0.0, math.sin(elevation_rad)])
-    # A little to the left, since the panel covers the right of the window.
-    target = np.array([*bounds.centre_m, 0.0]) + _PANEL_SHARE * max(bounds.width_m, bounds.depth_m) * right
-    place = target + _fitting_distance_m(bounds, target, towards, right, aspect) * towards
-    return CameraView(tuple(place.tolist()), tuple(target.tolist()))
+    centre = np.array([*bounds.centre_m, 0.0])
+    distance_m = _fitting_distance_m(bounds, towards, right, aspect, covered)
+    target = centre + covered * aspect * math.tan(FOV_RAD / 2) * distance_m * right
+    return CameraView(tuple((target + distance_m * towards).tolist()), tuple(target.tolist()))
 
 
 def _fitting_distance_m(
-    bounds: FloorBounds, target: FloatArray, towards: FloatArray, right: FloatArray, aspect: float
+    bounds: FloorBounds, towards: FloatArray, right: FloatArray, aspect: float, covered: float
 ) -> float:
-    """Return how far from the target, in the direction ``towards``, a camera sees every corner of the floor."""
+    """Return how far from the floor, in the direction ``towards``, a camera sees every corner left of the panel.
+
+    At the distance d, a corner at a across the window and o nearer to the camera is seen at (a - c t d) / ((d - o) t),
+    with t the half-width of the window at 1 m and c the covered share; this must lie in [-f, f (1 - 2 c)].
+    """
     corners = np.array(
         [[x, y, z] for x in (bounds.x_min_m, bounds.x_max_m) for y in (bounds.y_min_m, bounds.y_max_m) for z in (0, 2)]
     )
-    offsets = corners - target
-    half_height = _FILLED_SHARE * math.tan(FOV_RAD / 2)
-    across = np.abs(offsets @ right) / (half_height * aspect)
-    upright = np.abs(offsets @ np.cross(towards, right)) / half_height
-    return float((offsets @ towards + np.maximum(across, upright)).max())
+    offsets = corners - np.array([*bounds.centre_m, 0.0])
+    half_height = math.tan(FOV_RAD / 2)
+    half_width, free = aspect * half_height, _FILLED_SHARE * (1.0 - 2.0 * covered)
+    across, nearer = offsets @ right, offsets @ towards
+    upright = np.abs(offsets @ np.cross(towards, right))
+    left_m = (nearer * _FILLED_SHARE * half_width - across) / (half_width * (_FILLED_SHARE - covered))
+    right_m = (nearer * free * half_width + across) / (half_width * (free + covered))
+    high_m = nearer + upright / (half_height * _FILLED_SHARE)
+    return float(max(left_m.max(), right_m.max(), high_m.max()))

@@ -43,7 +43,7 @@ class LiveLayer:
             "/live/trail", nothing, look.TRAIL, thickness=3.0, thickness_units="screen", visible=False
         )
         self._route = scene.add_line_segments(
-            "/live/route", nothing, look.ROUTE, thickness=7.0, thickness_units="screen", visible=False
+            "/live/route", nothing, look.ROUTE, thickness=9.0, thickness_units="screen", visible=False
         )
         self._dots = {
             name: scene.add_icosphere(

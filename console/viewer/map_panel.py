@@ -87,7 +87,8 @@ class MapPanel:
             self._more.options = (_PROPOSE, _PUBLISH if unpublished else _PUBLISHED)
         if self._tag is not None:
             self._tag.show()
-        self._place.show(editor.poi if editor.pending_tag is None else None)
+        # While two places are being connected, the form of one of them would only be in the way.
+        self._place.show(editor.poi if editor.pending_tag is None and editor.mode is not Mode.CONNECT else None)
         self._connection.show(editor.edge)
 
 

@@ -26,6 +26,30 @@ document.hasFocus = () => document.visibilityState === 'visible';
   };
   setInterval(look, 5000);
 })();
+(() => {
+  // Shortcuts are deaf while somebody types: Enter and Escape in a text field leave it, and then count.
+  const SEND_MS = 150;
+  const field = (target) => target.matches?.('input:not([type]), input[type=text]') && !target.readOnly
+    && !target.closest('[role=dialog], [role=combobox]') && !['numeric', 'decimal'].includes(target.inputMode);
+  document.addEventListener('keydown', (event) => {
+    if ((event.key !== 'Enter' && event.key !== 'Escape') || event.isComposing || !field(event.target)) return;
+    event.target.blur();
+    // The last letters are still on their way to the console.
+    const again = new KeyboardEvent('keydown', {key: event.key, code: event.key, bubbles: true});
+    setTimeout(() => document.body.dispatchEvent(again), SEND_MS);
+  }, true);
+  // A new place is named at once: the field of the form that appears has the focus.
+  let asked = false;
+  new MutationObserver(() => {
+    const add = [...document.querySelectorAll('button')].find((button) => button.textContent.startsWith('Add place'));
+    if (add && !asked) {
+      let form = add;
+      while (form && !form.querySelector('input')) form = form.parentElement;
+      form?.querySelector('input')?.focus();
+    }
+    asked = Boolean(add);
+  }).observe(document, {childList: true, subtree: true});
+})();
 """
 
 

@@ -173,7 +173,7 @@ def draw_map(
 
 def _configure(server: viser.ViserServer) -> None:
     server.gui.configure_theme(
-        dark_mode=True, show_logo=False, show_share_button=False, control_width="medium", brand_color=look.BRAND
+        dark_mode=True, show_logo=False, show_share_button=False, control_width="small", brand_color=look.BRAND
     )
     server.gui.set_panel_label("Virtual blind road")
 

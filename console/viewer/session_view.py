@@ -25,7 +25,7 @@ from console.viewer.live_layer import LiveLayer
 from console.viewer.live_view import LiveView
 from console.viewer.map_panel import MapPanel
 from console.viewer.meshes import floor_point, ring
-from console.viewer.tag import HEAD_Z_M
+from console.viewer.tag import HEAD_Z_M, NAME_SCALE
 from console.viewer.tuning_panel import TuningPanel
 from console.viewer.view_panel import ViewPanel
 from console.viewer.walker_panel import WalkerPanel
@@ -213,7 +213,7 @@ class SessionView:
         selected = self.editor.poi_id
         spots = [
             LabelSpot(f"poi {key}", tag.label.text, (tag.poi.x_m, tag.poi.y_m, HEAD_Z_M + 0.3),
-                      3 if key == selected else 1 if tag.poi.kind == "junction" else 2, raised=True)
+                      3 if key == selected else 1 if tag.poi.kind == "junction" else 2, NAME_SCALE, raised=True)
             for key, tag in self.graph.tags.items()
         ]  # fmt: skip
         for key, label in self.graph.length_labels.items():

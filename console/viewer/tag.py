@@ -12,6 +12,8 @@ from console.viewer.appearance import KindLook
 from navcore.planning.poi_graph import Poi
 
 HEAD_Z_M = 0.7
+NAME_SCALE = 1.2
+"""Size of the names, in times of viser's own; lengths and other labels are smaller."""
 _RADIUS_M = 0.24
 
 ScreenPos = tuple[float, float]
@@ -39,7 +41,11 @@ class Tag:
             position=(0.0, 0.0, 0.04), visible=False, cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         self.label = self._scene.add_label(
-            f"{self._name}/name", poi.name, position=(0.0, 0.0, HEAD_Z_M + 0.3), anchor="bottom-center"
+            f"{self._name}/name",
+            poi.name,
+            position=(0.0, 0.0, HEAD_Z_M + 0.3),
+            anchor="bottom-center",
+            font_screen_scale=NAME_SCALE,
         )
         self._look = look.KINDS[poi.kind]
         self._head = self._make_head(self._look)

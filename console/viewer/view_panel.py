@@ -14,6 +14,10 @@ from console.viewer.widgets import nothing, on_change, on_choice
 from console.viewer.wording import card
 
 _FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
+_PANEL_PX = 280.0
+_MOST_COVERED_SHARE = 0.3
+_NARROW_ASPECT = 1.05
+"""A narrower window than this (a phone) has its panel below."""
 
 
 class CameraMode(enum.Enum):
@@ -66,12 +70,12 @@ class ViewPanel:
     def overview(self) -> None:
         """Show the whole floor at an angle."""
         self.mode = CameraMode.FREE
-        self._look(overview(self._bounds, self._aspect))
+        self._look(overview(self._bounds, self._aspect, self._covered))
 
     def from_above(self) -> None:
         """Show the whole floor as a plan."""
         self.mode = CameraMode.FREE
-        self._look(plan_view(self._bounds, self._aspect))
+        self._look(plan_view(self._bounds, self._aspect, self._covered))
 
     def follow(self) -> None:
         """Keep behind the walker from now on, until another view is chosen."""
@@ -105,6 +109,13 @@ class ViewPanel:
     @property
     def _aspect(self) -> float:
         return max(self._client.camera.aspect, 0.3)
+
+    @property
+    def _covered(self) -> float:
+        """The share of the window's width behind the panel."""
+        if self._aspect < _NARROW_ASPECT:
+            return 0.0
+        return min(_PANEL_PX / max(self._client.camera.image_width, 1), _MOST_COVERED_SHARE)
 
     def _look(self, view: CameraView) -> None:
         camera = self._client.camera

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import hypothesis
 import numpy as np
 import pytest
 
@@ -16,6 +17,10 @@ from device_agent.simulation.walk import record_walk
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site
 from navcore.types import CameraIntrinsics
+
+# The same examples in every run: what is found by chance is found once, and becomes a test of its own.
+hypothesis.settings.register_profile("repeatable", derandomize=True)
+hypothesis.settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
@@ -185,6 +186,10 @@ class _Uvicorn(uvicorn.Server):
             )
         )
         self.on_started: Callable[[], None] = _nothing
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        """End in good order; a second Ctrl-C, which uvicorn would take for haste, changes nothing."""
+        self.should_exit = True
 
     @contextmanager
     def capture_signals(self) -> Iterator[None]:

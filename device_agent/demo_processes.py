@@ -96,7 +96,8 @@ def _wait_ready(
 
 
 def _greet(ready: dict[str, str | int | None], site: Path) -> None:
-    places = ", ".join(sorted(poi.name for poi in load_poi_graph(site).pois.values()))
+    pois = load_poi_graph(site).pois.values()
+    places = ", ".join(sorted(poi.name for poi in pois if poi.kind != "junction"))
     link = ready.get("first_link")
     lines = [
         "",

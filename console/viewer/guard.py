@@ -31,7 +31,7 @@ EDITING = frozenset({"SceneNodeDragMessage"})
 class Verdict(enum.Enum):
     """What becomes of a message."""
 
-    PASS = "pass"  # noqa: S105
+    PASS = "pass"  # noqa: S105 - a verdict, no password
     DROP = "drop"
     CLOSE = "close"
 

@@ -15,7 +15,7 @@ from console.viewer.wording import card
 from navcore.planning.poi_graph import Edge, Poi
 
 _MODE_WORDS = {Mode.SELECT: "Select (1)", Mode.TAG: "Tag a place (2)", Mode.CONNECT: "Connect (3)"}
-_PROPOSE, _PUBLISH, _PUBLISHED = "Propose edges", "Publish changes", "Published"
+_PROPOSE, _PUBLISH, _PUBLISHED = "Join all", "Publish", "Published"
 
 Guide = Callable[[str], None]
 """Asks to lead the walker to a place."""
@@ -62,7 +62,7 @@ class MapPanel:
         self._undo_redo = gui.add_button_group("Edits", ("Undo", "Redo"), hint="Ctrl+Z, Ctrl+Shift+Z")
         on_choice(self._undo_redo, {"Undo": editor.undo, "Redo": editor.redo}, self._refresh)
         self._more = gui.add_button_group("Map", (_PROPOSE, _PUBLISHED), hint=(
-            "Propose edges: connect all neighbours along the road. Publish: give this map to the devices."
+            "Join all: connect all neighbours along the road. Publish: give this map to the devices."
         ))  # fmt: skip
         on_choice(self._more, {_PROPOSE: editor.propose_edges, _PUBLISH: publish, _PUBLISHED: publish}, self._refresh)
 

@@ -67,14 +67,6 @@ def ring(radius_m: float, width_m: float, sides_count: int = 48) -> Mesh:
     return lathe([(max(radius_m - width_m, 0.0), 0.0), (radius_m, 0.0)], sides_count)
 
 
-def sector(half_angle_rad: float, radius_m: float, steps_count: int = 12) -> Mesh:
-    """A flat slice about the x axis, with its tip at the origin: the field of a sensor on the floor plane."""
-    turn = np.linspace(-half_angle_rad, half_angle_rad, steps_count + 1)
-    rim = np.column_stack([radius_m * np.cos(turn), radius_m * np.sin(turn), np.zeros(steps_count + 1)])
-    faces = [(0, i + 1, i + 2) for i in range(steps_count)]
-    return Mesh(np.vstack([np.zeros((1, 3)), rim]), np.array(faces, dtype=np.uint32))
-
-
 def horizontal_cone(half_angle_rad: float, length_m: float, sides_count: int = 24) -> Mesh:
     """A cone with its tip at the origin that opens along the x axis: the ultrasonic field."""
     upright = lathe([(0.0, 0.0), (length_m * math.tan(half_angle_rad), length_m)], sides_count)

@@ -63,16 +63,16 @@ class SessionView:
     def _build_panel(self, bounds: FloorBounds, cloud: ShownCloud) -> None:
         gui, hub = self.client.gui, self._services.hub
         tabs = gui.add_tab_group()
-        with tabs.add_tab("Map", viser.Icon.MAP_2):
+        with tabs.add_tab("Map"):
             guide = self._guide_to if self.person.role in EDITING else None
             self.map_panel = MapPanel(self.client, self.editor, self.refresh, self.publish, guide)
-        with tabs.add_tab("Walker", viser.Icon.WALK):
+        with tabs.add_tab("Walker"):
             self.walker_panel = WalkerPanel(self.client, hub, self.person, self.tell)
-        with tabs.add_tab("View", viser.Icon.EYE):
+        with tabs.add_tab("View"):
             self.view_panel = ViewPanel(self.client, bounds, cloud)
         self.tuning_panel: TuningPanel | None = None
         if self.person.role in TUNING:
-            with tabs.add_tab("Tuning", viser.Icon.ADJUSTMENTS):
+            with tabs.add_tab("Tuning"):
                 self.tuning_panel = TuningPanel(self.client, hub, self._services.tuning, self.person, self.tell)
         followed = self._services.views.followed(self.person.session_id)
         if followed is not None:
@@ -92,7 +92,7 @@ class SessionView:
         self._shortcut("Delete what is selected", editor.delete_selected, "delete")
         self._shortcut("Undo", editor.undo, "Z", "cmd/ctrl")
         self._shortcut("Redo", editor.redo, "Z", "cmd/ctrl+shift")
-        self._shortcut("Propose edges", editor.propose_edges, None)
+        self._shortcut("Join all neighbours along the road", editor.propose_edges, None)
         self._shortcut("Publish the map", self.publish, None)
 
     def _shortcut(

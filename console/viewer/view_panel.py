@@ -14,7 +14,7 @@ from console.viewer.widgets import nothing, on_change, on_choice
 from console.viewer.wording import card
 
 _FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
-_PANEL_PX = 280.0
+_PANEL_PX = 272.0
 _MOST_COVERED_SHARE = 0.3
 _NARROW_ASPECT = 1.05
 """A narrower window than this (a phone) has its panel below."""

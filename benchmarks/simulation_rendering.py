@@ -7,7 +7,7 @@ that other load does not matter.
 from __future__ import annotations
 
 import argparse
-import itertools
+import json
 import statistics
 import time
 
@@ -17,31 +17,34 @@ from device_agent.simulation.walk import head_trajectory, plan_walk, recorded_wa
 
 
 def main() -> None:
-    """Render the beginning of the walk at both image sizes and print one line for each."""
+    """Render the beginning of the walk at both picture sizes and print the figures as JSON."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--frames", type=int, default=60, help="frames to render at each size")
+    parser.add_argument("--frames", type=int, default=60, help="frames to render at each size (default: %(default)s)")
     parser.add_argument("--rate-hz", type=float, default=10.0, help="frame rate of the walk")
     arguments = parser.parse_args()
     building = office_floor()
     plan = plan_walk(building.road_waypoints, seed=0)
     count = len(head_trajectory(plan, arguments.rate_hz))
-    print(f"walk: {plan.length_m:.0f} m, {plan.duration_s:.0f} s, {count} frames at {arguments.rate_hz:g} Hz")
     begin_s = time.thread_time()
     renderer = renderer_of(building)
-    print(f"painting and lighting the building: {time.thread_time() - begin_s:.1f} s")
+    figures: dict[str, float | int] = {
+        "walk_m": round(plan.length_m, 1),
+        "walk_s": round(plan.duration_s, 1),
+        "frames": count,
+        "painting_s": round(time.thread_time() - begin_s, 2),
+    }
     for size_px in ((320, 240), (640, 480)):
         frames = recorded_walk(building, 0, arguments.rate_hz, size_px, renderer=renderer)
         next(frames)  # compiles on the very first run
         spent_ms = []
-        for _ in itertools.repeat(None, arguments.frames):
+        for _ in range(max(1, arguments.frames)):
             begin_s = time.thread_time()
             next(frames)
             spent_ms.append(1e3 * (time.thread_time() - begin_s))
-        median_ms = statistics.median(spent_ms)
-        slow_ms = sorted(spent_ms)[int(0.95 * len(spent_ms))]
-        whole_s = median_ms * count / 1e3
-        size = f"{size_px[0]}×{size_px[1]}"
-        print(f"{size}: median {median_ms:.1f} ms, p95 {slow_ms:.1f} ms; the whole walk {whole_s:.0f} s")
+        size = f"{size_px[0]}x{size_px[1]}"
+        figures[f"frame_median_ms_{size}"] = round(statistics.median(spent_ms), 2)
+        figures[f"frame_p95_ms_{size}"] = round(sorted(spent_ms)[int(0.95 * len(spent_ms))], 2)
+    print(json.dumps(figures, indent=1))
 
 
 if __name__ == "__main__":

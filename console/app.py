@@ -15,25 +15,16 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from console import api_accounts, api_devices, api_graph, device_link, live_socket, pages
-from console.config import ConsoleConfig
 from console.errors import BadRequestError, ConsoleError, NotFoundError
-from console.hub import DeviceHub
-from console.model import SiteModel
 from console.security import Guard, error_response
-from console.services import Services, build_services
-from console.store import Store
+from console.services import Services
 from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
 
 
-def create_app(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> FastAPI:
-    """Return the application; ``app.state.services`` holds the parts (:class:`console.services.Services`)."""
-    return app_of(build_services(config, store, model, hub))
-
-
 def app_of(services: Services) -> FastAPI:
-    """Return the application over parts that are put together already."""
+    """Return the application over parts that are put together already; ``app.state.services`` holds them."""
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:

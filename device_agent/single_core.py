@@ -10,5 +10,5 @@ def use_one_core() -> None:
     """Let OpenCV and Numba compute in the calling thread alone (for BLAS, ``vbr`` sees to it at its start)."""
     cv2.setNumThreads(1)
     # No kernel runs in parallel; Numba's own pool is the one that is there on every machine.
-    numba.config.THREADING_LAYER = "workqueue"  # type: ignore[attr-defined]
+    numba.config.THREADING_LAYER = "workqueue"  # type: ignore[attr-defined]  # set by name in Numba
     numba.set_num_threads(1)

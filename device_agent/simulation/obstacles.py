@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from device_agent.simulation.building import Mover
 from device_agent.simulation.furniture import person
-from device_agent.simulation.shapes import GLASS, Piece, Solid, Surface, box, upright_quad
+from device_agent.simulation.shapes import Piece, box
 
 _CARDBOARD = "veneer/#b58a5a:carton"
 
@@ -22,12 +22,6 @@ def low_box(x_m: float, y_m: float, yaw_deg: float = 0.0) -> Piece:
 def hanging_box(x_m: float, y_m: float, yaw_deg: float = 0.0, low_m: float = 1.4) -> Piece:
     """A wall cupboard that hangs in the way at the height of the head: no cane finds it."""
     return box((0.7, 0.35, 0.6), "veneer/#7a5a3a:cupboard", base_m=low_m, name="hanging box").moved(x_m, y_m, yaw_deg)
-
-
-def glass_pane(x_m: float, y_m: float, yaw_deg: float = 0.0, width_m: float = 1.2) -> Piece:
-    """A closed pane of glass along x, 2.1 m high: only the ultrasonic rangefinder can tell."""
-    pane: Surface = upright_quad((-width_m / 2, 0.0), (width_m / 2, 0.0), 0.0, 2.1, GLASS)
-    return Piece((pane,), (Solid("glass pane", 0.0, 0.0, width_m / 2, 0.02, 0.0, 0.0, 2.1),)).moved(x_m, y_m, yaw_deg)
 
 
 def walking_person(

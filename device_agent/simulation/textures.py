@@ -110,7 +110,7 @@ def texture_key(surface: Surface) -> tuple[str, int, int]:
     pattern = PATTERNS[kind]
     size_m = (pattern.tile_m, pattern.tile_m) if pattern.tile_m is not None else surface.size_m
     # At least 16 pixels, for painters that need room to draw.
-    return surface.texture, *(max(16, round(length * pattern.px_per_m)) for length in size_m)  # type: ignore[return-value]
+    return surface.texture, *(max(16, round(length * pattern.px_per_m)) for length in size_m)  # type: ignore[return-value]  # two lengths
 
 
 def build_atlas(surfaces: Iterable[Surface], seed: int) -> TextureAtlas:

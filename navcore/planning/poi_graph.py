@@ -13,7 +13,7 @@ import msgspec
 PoiKind = Literal[
     "room", "toilet", "bar", "lounge", "hall", "junction", "lift", "stairs", "door", "entrance", "exit", "other"
 ]
-POI_KINDS: tuple[str, ...] = PoiKind.__args__  # type: ignore[attr-defined]
+POI_KINDS: tuple[str, ...] = PoiKind.__args__  # type: ignore[attr-defined]  # a Literal's own
 
 Identifier = Annotated[str, msgspec.Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=80)]

@@ -88,16 +88,6 @@ def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
         raise InputError(f"{ca_file} is no certificate ({error}): name the console's certificate (PEM).") from error
 
 
-def _make_state_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(
-            f"{folder}, where settings and events are kept, cannot be made ({error.strerror}): name another with"
-            " --state."
-        ) from error
-
-
 def _run(arguments: argparse.Namespace) -> int:
     options = _options(arguments)
     from device_agent.device_process import run_device
@@ -119,11 +109,9 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
     url = checked_console_url(arguments.console) if arguments.console else None
     token = read_token(arguments.token_file) if url else ""
-    state = arguments.state or default_state_folder(arguments.device_id)
-    _make_state_folder(state)
     return DeviceOptions(
         site=arguments.site,
-        state=state,
+        state=arguments.state or default_state_folder(arguments.device_id),
         device_id=arguments.device_id,
         console_url=url,
         token=token,

@@ -39,6 +39,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     site = load_site(options.site)
     goal = find_place(site.poi_graph, options.to) if options.to else None
     store = DeviceStore(options.state, options.site)
+    store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
     warm_up()

@@ -8,7 +8,7 @@ import os
 import shutil
 from pathlib import Path
 
-from navcore.errors import SettingError, SiteError
+from navcore.errors import InputError, SettingError, SiteError
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import save_poi_graph
@@ -22,6 +22,16 @@ class DeviceStore:
     def __init__(self, state_folder: Path, site_folder: Path) -> None:
         self.state_folder = state_folder
         self.site_folder = site_folder
+
+    def prepare(self) -> None:
+        """Make the device's own folder. Raises InputError where that cannot be."""
+        try:
+            self.state_folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise InputError(
+                f"{self.state_folder}, where settings and events are kept, cannot be made ({error.strerror}): name"
+                " another with --state."
+            ) from error
 
     @property
     def journal_path(self) -> Path:

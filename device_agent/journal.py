@@ -60,7 +60,7 @@ class EventJournal:
     def append(self, stamp_s: float, kind: EventKind, text: str) -> None:
         """Hand over an event; returns at once. Where the disk is far behind, the event is counted as missed."""
         try:
-            self._work.put_nowait((stamp_s, kind, text[:_MAX_TEXT]))
+            self._work.put_nowait((stamp_s, kind, _storable(text)))
         except queue.Full:
             self._missed += 1
 
@@ -130,12 +130,12 @@ class EventJournal:
         try:
             with self._lock, self._transaction():
                 self._insert(events)
-        except sqlite3.Error:
-            # A full disk must not end the thread: guidance goes on, the gap is reported when there is room again.
+            self.on_stored()
+        except Exception:
+            # Neither a full disk nor a text that cannot be stored may end the thread: guidance goes on, the gap is
+            # reported when there is room again.
             self._missed += len(events)
             _log.exception("events could not be stored")
-        else:
-            self.on_stored()
 
     def _insert(self, events: list[tuple[float, EventKind, str]]) -> None:
         first = self._issued() + 1
@@ -152,7 +152,14 @@ class EventJournal:
         self._base.execute("BEGIN IMMEDIATE")
         try:
             yield
+            self._base.execute("COMMIT")
         except BaseException:
-            self._base.execute("ROLLBACK")
+            # A full disk may have ended the transaction already; one that stayed open would block all later ones.
+            if self._base.in_transaction:
+                self._base.execute("ROLLBACK")
             raise
-        self._base.execute("COMMIT")
+
+
+def _storable(text: str) -> str:
+    """Return the text as SQLite takes it: names of broken files may hold what is no character."""
+    return text[:_MAX_TEXT].encode("utf-8", "replace").decode("utf-8")

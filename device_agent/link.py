@@ -44,6 +44,7 @@ from navcore.wire import (
 
 _log = logging.getLogger(__name__)
 _STEADY_AFTER_S = 5.0
+_LEAST_WAIT_S = 0.02
 _REFUSED_STATUS = (401, 403)
 _REFUSED_CODES = (1008, 4401, 4403)
 
@@ -220,6 +221,9 @@ class ConsoleLink:
             sent_sequence = await self._send_events(socket, sent_sequence)
             await self._send_newest(socket)
             wait_s = self._outbox.wait_s(self._loop.time())
+            if wait_s is not None:
+                # A picture that is due waits for a slow network; asking without a pause would starve guidance.
+                wait_s = max(wait_s, _LEAST_WAIT_S)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(self._something_to_send.wait(), wait_s)
 
@@ -293,7 +297,8 @@ class ConsoleLink:
         try:
             await fetch_map(offer, settings.url, settings.token, settings.staging, settings.tls)
             await asyncio.to_thread(self._device.map_arrived, settings.staging, offer.map_checksum)
-        except (VbrError, OSError) as error:
+        except Exception as error:
+            # Whatever is wrong with it, the console is told, and the old map runs on.
             _log.warning("the offered map is not taken: %s", error)
             self.message(MapRunning(self._device.hello().map_checksum, str(error)[:500]))
 

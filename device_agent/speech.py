@@ -18,7 +18,8 @@ SAMPLE_RATE_HZ = 22_050
 _VOICES = {"en": "en-us", "zh": "cmn"}
 _WORDS_PER_MINUTE = 175
 _MAX_CACHED = 200
-_TIMEOUT_S = 10.0
+_TIMEOUT_S = 2.0
+"""A voice that hangs may not hold up the next Stop for longer."""
 _log = logging.getLogger(__name__)
 
 Samples = NDArray[np.float32]

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import sys
+import threading
+import types
 import wave
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from device_agent.adapters.sound_device import SoundDeviceOutput
 from device_agent.adapters.wav_file import WavFileOutput
 from device_agent.audio import render_cue
 from device_agent.speech import SAMPLE_RATE_HZ, Speech
@@ -80,3 +84,43 @@ def test_a_place_that_cannot_be_written_is_refused_in_words(tmp_path: Path) -> N
     (tmp_path / "walk.wav").mkdir()
     with pytest.raises(InputError, match="cannot be written"):
         WavFileOutput(tmp_path / "walk.wav", Speech())
+
+
+def test_the_last_cue_is_heard_out_and_what_would_be_cut_off_at_once_is_skipped(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """On a stand-in for the package sounddevice: there is no earphone where tests run."""
+    calls: list[tuple[str, int]] = []
+    rendering, go_on = threading.Event(), threading.Event()
+
+    def play(samples: np.ndarray, rate_hz: int) -> None:
+        calls.append(("play", len(samples)))
+        rendering.set()
+        assert go_on.wait(10.0)
+
+    fake = types.SimpleNamespace(
+        check_output_settings=lambda **_: None, play=play, stop=lambda: calls.append(("stop", 0)),
+        wait=lambda: calls.append(("wait", 0)),
+    )  # fmt: skip
+    monkeypatch.setitem(sys.modules, "sounddevice", fake)
+    output = SoundDeviceOutput(Speech())
+    first, last = tick_cue(0.0), steer_cue(0.3, 40.0)
+    output.play(first)
+    assert rendering.wait(10.0)
+    for cue in (tick_cue(0.1), tick_cue(0.2), last):
+        output.play(cue)
+    go_on.set()
+    output.close()
+    assert calls == [("play", len(render_cue(first, Speech()))), ("play", len(render_cue(last, Speech()))), ("wait", 0)]
+
+
+def test_a_disk_that_is_full_ends_the_sound_file_and_nothing_else(tmp_path: Path) -> None:
+    full = Path("/dev/full")
+    if not full.exists():
+        pytest.skip("this system has no /dev/full")
+    output = WavFileOutput(full, Speech(), begin_s=0.0)
+    for second in range(20):
+        output.play(tick_cue(float(second)))
+    output.close()
+    output.play(tick_cue(30.0))
+    output.close()

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import http.server
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 import pytest
 from device_console import TOKEN, Console
 
@@ -18,6 +20,7 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from navcore.errors import SiteError
 from navcore.site import Site, map_checksum, pack_site, save_site
+from navcore.types import Frame
 from navcore.wire import (
     PROTOCOL_VERSION,
     ConsoleMessage,
@@ -306,3 +309,55 @@ def test_a_map_that_cannot_be_had_is_answered_with_the_reason(
     console.send(MapAvailable("/maps/new", "another", 10))
     console.wait_for(lambda: len(console.of_type(MapRunning)) == 2)
     assert "could not be fetched" in console.of_type(MapRunning)[1].refusal
+
+
+def test_a_full_disk_or_a_text_that_cannot_be_stored_does_not_end_the_journal(tmp_path: Path) -> None:
+    journal = EventJournal(tmp_path / "events.sqlite")
+    journal.append(0.0, "cue", "before")
+    journal.append(0.0, "sensor", "a broken name \udcff")
+    journal.flush()
+    pages = journal._base.execute("PRAGMA page_count").fetchone()[0]
+    journal._base.execute(f"PRAGMA max_page_count={pages}")
+    for _ in range(300):
+        journal.append(1.0, "cue", "x" * 500)
+    journal.flush()
+    journal.append(float("nan"), "cue", "no time")
+    journal.flush()
+    journal._base.execute("PRAGMA max_page_count=100000")
+    journal.append(2.0, "cue", "after")
+    journal.flush()
+    texts = [event.text for event in journal.pending(0, 1000)]
+    assert texts[:2] == ["before", "a broken name ?"]
+    assert "after" in texts
+    assert any("missing" in text for text in texts)
+    journal.close()
+
+
+def test_a_network_that_takes_nothing_does_not_keep_the_machine_busy(journal: EventJournal, tmp_path: Path) -> None:
+    asked = []
+
+    class Stalled:
+        """A socket whose buffer never empties."""
+
+        @property
+        def transport(self) -> Stalled:
+            return self
+
+        def get_write_buffer_size(self) -> int:
+            asked.append(1)
+            return 1
+
+        async def send(self, data: bytes) -> None:
+            """Keep it in the buffer."""
+
+    async def send_for_a_while() -> None:
+        link._loop = asyncio.get_running_loop()
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(link._send_all(Stalled()), 0.4)  # type: ignore[arg-type]
+
+    link = make_link("ws://127.0.0.1:9", journal, tmp_path)
+    own_loop = link._loop
+    link._outbox.offer_frame(Frame(100.0, np.zeros((2, 2, 3), np.uint8), np.ones((2, 2), np.float32)))
+    asyncio.run(send_for_a_while())
+    own_loop.close()
+    assert 1 <= len(asked) <= 30

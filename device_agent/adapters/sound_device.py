@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import logging
 import queue
@@ -14,6 +15,7 @@ from navcore.cues.table import Cue
 from navcore.errors import MissingPackageError, SensorError
 
 _log = logging.getLogger(__name__)
+_LAST_CUE_S = 10.0
 
 
 class SoundDeviceOutput:
@@ -41,16 +43,28 @@ class SoundDeviceOutput:
         self._cues.put(cue)
 
     def close(self) -> None:
-        """Fall silent."""
+        """Fall silent once the last cue has been heard out; an output that hangs is not waited for."""
         if self._thread.is_alive():
             self._cues.put(None)
-            self._thread.join()
+            self._thread.join(_LAST_CUE_S)
 
     def _run(self) -> None:
-        while (cue := self._cues.get()) is not None:
+        while (cue := self._newest()) is not None:
             try:
                 self._sounddevice.play(render_cue(cue, self._speech), SAMPLE_RATE_HZ)
             except Exception:
                 # An unplugged earphone must not end the thread: the next cue may find it plugged in again.
                 _log.exception("a cue could not be played")
-        self._sounddevice.stop()
+        with contextlib.suppress(Exception):
+            self._sounddevice.wait()
+
+    def _newest(self) -> Cue | None:
+        """Return the newest cue: what would be cut off at once is not rendered first. None is the end."""
+        cue = self._cues.get()
+        while cue is not None and not self._cues.empty():
+            following = self._cues.get()
+            if following is None:
+                self._cues.put(None)
+                break
+            cue = following
+        return cue

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import queue
 import threading
 import wave
@@ -15,6 +16,7 @@ from device_agent.speech import SAMPLE_RATE_HZ, Speech
 from navcore.cues.table import Cue
 from navcore.errors import InputError
 
+_log = logging.getLogger(__name__)
 _TAIL_S = 10.0
 """Longest that the last cue may sound."""
 
@@ -41,6 +43,7 @@ class WavFileOutput:
         self._speech = speech
         self._begin_s = begin_s
         self._written = 0
+        self._failed = False
         self._sounding: StereoSamples = np.zeros((0, 2), np.float32)
         self._cues: queue.SimpleQueue[Cue | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="wav", daemon=True)
@@ -48,7 +51,8 @@ class WavFileOutput:
 
     def play(self, cue: Cue) -> None:
         """Hand the cue over."""
-        self._cues.put(cue)
+        if not self._failed:
+            self._cues.put(cue)
 
     def close(self) -> None:
         """Write the rest and finish the file."""
@@ -57,6 +61,13 @@ class WavFileOutput:
             self._thread.join()
 
     def _run(self) -> None:
+        try:
+            self._write_all()
+        except OSError as error:
+            self._failed = True
+            _log.warning("the sound is no longer written (%s): free the disk", error)
+
+    def _write_all(self) -> None:
         with self._stream, contextlib.closing(self._file):
             while (cue := self._cues.get()) is not None:
                 self._begin_s = cue.stamp_s if self._begin_s is None else self._begin_s

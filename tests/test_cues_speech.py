@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from closed_loop import route_along
 from hypothesis import given
+from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle
@@ -48,6 +49,7 @@ def kinds(cues: list[Cue]) -> list[CueKind]:
     return [cue.kind for cue in cues]
 
 
+@hypothesis_settings(deadline=None)
 @given(st.lists(st.floats(-35, 35), min_size=30, max_size=60))
 def test_while_walking_it_is_never_silent_for_long(angles_deg: list[float]):
     cues = heard(guidance(Action.WALK, i / 10, angle) for i, angle in enumerate(angles_deg))
@@ -149,6 +151,7 @@ spoken = st.builds(
 )
 
 
+@hypothesis_settings(deadline=None)
 @given(st.lists(st.tuples(spoken, st.floats(0, 0.5)), max_size=20))
 def test_nothing_lower_cuts_off_something_higher(sequence):
     bus, now_s = CueBus(), 0.0
@@ -170,6 +173,7 @@ def test_an_interrupted_sentence_is_said_again_only_if_it_still_holds():
         assert played == ((place,) if holds else ())
 
 
+@hypothesis_settings(deadline=None)
 @given(st.floats(-60, 60))
 def test_the_tone_is_heard_from_where_to_walk(angle_deg: float):
     cue = steer_cue(0.0, angle_deg)

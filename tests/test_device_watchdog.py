@@ -6,7 +6,7 @@ import itertools
 import math
 import threading
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from device_agent.adapters.clocks import FakeClock, SteppedClock
@@ -20,6 +20,7 @@ def watchdog(clock: SteppedClock, output: FakeOutput) -> tuple[Watchdog, list[st
     return Watchdog(clock, output, lambda stamp_s, text: reports.append(text)), reports
 
 
+@settings(deadline=None)
 @given(age_s=st.floats(0.0, 100.0), timeout_s=st.floats(0.2, 1.0), alarmed=st.booleans(), quiet_s=st.floats(0.0, 50.0))
 def test_stale_guidance_is_never_taken_for_fresh(age_s: float, timeout_s: float, alarmed: bool, quiet_s: float) -> None:
     now_s = 1000.0

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 from closed_loop import route_along
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle, wrap_rad
@@ -105,6 +105,7 @@ def test_eq2_case_3_tests_the_destination_and_never_reads_past_the_end():
     assert has_arrived(goal, pose(1.1, 0), FOLLOWER)
 
 
+@settings(deadline=None)
 @given(places, places, angles)
 def test_eq2_moves_and_turns_with_the_world(x_m: float, y_m: float, angle: float):
     route = route_along((0, 0), (4, 0), (4, 4), (9, 4))
@@ -182,6 +183,7 @@ def test_eq4_null_where_nothing_is_walkable():
     assert walkable((candidate(0, 1.9), candidate(10, 2.0)), 2.0) == (candidate(10, 2.0),)
 
 
+@settings(deadline=None)
 @given(angles, angles, st.floats(0, 3), st.lists(st.integers(-30, 30), min_size=1, max_size=9, unique=True), angles)
 def test_eq4_turns_and_mirrors_with_the_world(
     expected: float, heading: float, deviation_m: float, fan_deg: list[int], turn: float
@@ -246,6 +248,7 @@ def test_eq5_truth_table(optimal_deg: float | None, state: SonarState, distance_
     assert walked is None or walked == optimal
 
 
+@settings(deadline=None)
 @given(st.floats(-math.pi, math.pi), st.floats(0.0, 6.0), st.floats(0.5, 4.0), st.floats(0.0, 6.0))
 def test_eq5_never_opens_what_a_farther_echo_closes(
     angle: float, distance_m: float, required_m: float, nearer_m: float

@@ -181,7 +181,7 @@ def test_a_click_beside_everything_selects_nothing(browser: FakeBrowser) -> None
 
 
 def test_proposed_edges_join_all_neighbours(browser: FakeBrowser, services: Services) -> None:
-    browser.press("Join all")
+    browser.press("Join all neighbours along the road")
     joined = {frozenset((edge.a, edge.b)) for edge in services.model.graph.edges.values()}
     expected = {frozenset(pair) for pair in (("hall", "junction"), ("junction", "bar"), ("junction", "lift"))}
     assert joined == expected

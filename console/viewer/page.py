@@ -38,17 +38,6 @@ document.hasFocus = () => document.visibilityState === 'visible';
     const again = new KeyboardEvent('keydown', {key: event.key, code: event.key, bubbles: true});
     setTimeout(() => document.body.dispatchEvent(again), SEND_MS);
   }, true);
-  // A new place is named at once: the field of the form that appears has the focus.
-  let asked = false;
-  new MutationObserver(() => {
-    const add = [...document.querySelectorAll('button')].find((button) => button.textContent.startsWith('Add place'));
-    if (add && !asked) {
-      let form = add;
-      while (form && !form.querySelector('input')) form = form.parentElement;
-      form?.querySelector('input')?.focus();
-    }
-    asked = Boolean(add);
-  }).observe(document, {childList: true, subtree: true});
 })();
 """
 

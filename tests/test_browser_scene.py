@@ -102,6 +102,26 @@ def test_places_are_dragged_and_connected_with_mouse_and_keys_and_are_still_ther
 
 
 @pytest.mark.slow
+def test_a_place_is_tagged_by_a_click_on_the_road_its_name_and_enter(page: Page, console: ConsoleServer) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+    hall, junction = hands.steady_pixel_of("/graph/poi/hall"), hands.steady_pixel_of("/graph/poi/junction")
+    hands.press_key("2")
+    until(page, lambda: "Click on the road" in hands.frame.inner_text("body"), "the mode for tagging")
+    page.mouse.click((hall[0] + junction[0]) / 2, (hall[1] + junction[1]) / 2)
+    until(page, lambda: "Add place" in hands.frame.inner_text("body"), "the form of the new place")
+
+    # Digits and letters that are shortcuts elsewhere are letters here.
+    hands.frame.locator("input:visible").first.click()
+    page.keyboard.type("Room 123")
+    page.keyboard.press("Enter")
+    until(page, lambda: len(model.graph.pois) == 4, "the place")
+    (place,) = [poi for poi in model.graph.pois.values() if poi.name == "Room 123"]
+    assert place.on_road
+    assert 4.0 < place.x_m < 9.0
+
+
+@pytest.mark.slow
 def test_the_page_in_the_console_runs_no_foreign_code_and_ends_with_the_session(
     page: Page, console: ConsoleServer
 ) -> None:

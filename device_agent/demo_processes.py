@@ -9,45 +9,57 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from urllib.parse import urlsplit
 
 from navcore.errors import VbrError
 from navcore.site import load_poi_graph, map_checksum
 
 READY_TIMEOUT_S = 60.0
 STOP_TIMEOUT_S = 10.0
+CONSOLE_MUST_LAST_S = 10.0
+"""A console that ends sooner than this after its start would only end again."""
 _POLL_S = 0.1
 
 
 def run_live_demo(
     data: Path, site: Path, port: int, seed: int, start: str, size_px: tuple[int, int], rate_hz: float
 ) -> int:
-    """Run console and device until Ctrl-C, or until one of them ends by itself. Returns the exit code."""
+    """Run console and device until Ctrl-C, or until the device ends by itself. Returns the exit code.
+
+    A console that ends is started again: the walker goes on meanwhile, and the device joins it again.
+    """
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     ready_file, token_file = data / "ready.json", data / "glasses.token"
     ready_file.unlink(missing_ok=True)
     device_site = _device_copy(site, data / "device" / "site")
-    console_command = [
-        "console", "--site", str(site), "--data", str(data / "console"), "--port", str(port),
-        "--ready-file", str(ready_file), "--device-token-file", str(token_file),
-    ]  # fmt: skip
-    with _process(console_command, quiet=True) as console:
+
+    def console_command(port: int) -> list[str]:
+        return [
+            "console", "--site", str(site), "--data", str(data / "console"), "--port", str(port),
+            "--ready-file", str(ready_file), "--device-token-file", str(token_file),
+        ]  # fmt: skip
+
+    with ExitStack() as stack:
+        console = stack.enter_context(_process(console_command(port), quiet=True))
         ready = _wait_ready(ready_file, console, stop)
         if ready is None:
             return console.wait(STOP_TIMEOUT_S) if console.poll() is not None else 0
+        url = str(ready["url"])
         device_command = [
             "device", "--site", str(device_site), "--state", str(data / "device" / "state"),
-            "--console", str(ready["url"]).replace("http", "ws", 1), "--token-file", str(token_file),
+            "--console", url.replace("http", "ws", 1), "--token-file", str(token_file),
             "--simulated", "--seed", str(seed), "--start", start,
             "--size", f"{size_px[0]}x{size_px[1]}", "--rate-hz", f"{rate_hz:g}",
         ]  # fmt: skip
-        with _process(device_command) as device:
-            _greet(ready, site)
-            return _watch({"console": console, "device": device}, stop)
+        device = stack.enter_context(_process(device_command))
+        _greet(ready, site)
+        again = console_command(urlsplit(url).port or port)
+        return _watch(device, console, lambda: stack.enter_context(_process(again, quiet=True)), stop)
 
 
 def _device_copy(site: Path, folder: Path) -> Path:
@@ -114,11 +126,22 @@ def _greet(ready: dict[str, str | int | None], site: Path) -> None:
     sys.stdout.flush()
 
 
-def _watch(processes: dict[str, subprocess.Popen[bytes]], stop: threading.Event) -> int:
+def _watch(
+    device: subprocess.Popen[bytes],
+    console: subprocess.Popen[bytes],
+    start_console: Callable[[], subprocess.Popen[bytes]],
+    stop: threading.Event,
+) -> int:
+    started_s = time.monotonic()
     while not stop.wait(_POLL_S):
-        for name, process in processes.items():
-            code = process.poll()
-            if code is not None:
-                sys.stderr.write(f"vbr: The {name} has ended by itself (exit code {code}); the demo ends.\n")
-                return code or 1
+        if (code := device.poll()) is not None:
+            sys.stderr.write(f"vbr: The device has ended by itself (exit code {code}); the demo ends.\n")
+            return code or 1
+        if (code := console.poll()) is None:
+            continue
+        if time.monotonic() - started_s < CONSOLE_MUST_LAST_S:
+            sys.stderr.write(f"vbr: The console does not stay up (exit code {code}); the demo ends.\n")
+            return code or 1
+        sys.stderr.write(f"vbr: The console has ended (exit code {code}) and is started again; the walker goes on.\n")
+        console, started_s = start_console(), time.monotonic()
     return 0

@@ -1,4 +1,4 @@
-"""The link: the device dials out to the console, over one WebSocket, for ever (console.md, "Device link").
+"""The link: the device dials out to the console, over one WebSocket, for ever.
 
 Everything happens in a thread of its own with its own event loop; guidance hands over to the outbox and the journal and
 never waits. When the connection breaks, the link joins again by itself, with growing, jittered pauses, and sends what

@@ -42,24 +42,24 @@ class LocalizationSettings(_Group):
 
     feature_count: int = _setting(600, 200, 2000, step=50, source="ORB-SLAM2")
     """Features extracted from a frame."""
-    min_inliers_count: int = _setting(20, 10, 100, step=1, source="slam.md")
+    min_inliers_count: int = _setting(20, 10, 100, step=1, source="design")
     """Landmarks that must agree before a pose counts as found."""
     uncertain_hold_s: float = _setting(3.0, 0.0, 30.0, step=0.5, source="unknown is never clear", safety=True)
     """How long guidance goes on while the pose is only "Uncertain"."""
-    uncertain_position_m: float = _setting(0.25, 0.05, 1.0, step=0.05, source="slam.md")
+    uncertain_position_m: float = _setting(0.25, 0.05, 1.0, step=0.05, source="design")
     """Standard deviation of the position above which a pose is only "Uncertain"."""
 
 
 class PlanningSettings(_Group):
     """Way finding."""
 
-    route_spacing_m: float = _setting(0.1, 0.05, 0.5, step=0.05, source="navigation.md")
+    route_spacing_m: float = _setting(0.1, 0.05, 0.5, step=0.05, source="design")
     """Distance between the points of a route."""
-    max_start_distance_m: float = _setting(5.0, 1.0, 50.0, step=0.5, source="navigation.md")
+    max_start_distance_m: float = _setting(5.0, 1.0, 50.0, step=0.5, source="design")
     """A walker farther from the road than this is told to come nearer instead of being led across the unknown."""
-    replan_deviation_m: float = _setting(2.0, 0.5, 10.0, step=0.1, source="navigation.md")
+    replan_deviation_m: float = _setting(2.0, 0.5, 10.0, step=0.1, source="design")
     """Distance from the route beyond which a new one is planned, after the hold time."""
-    replan_hold_s: float = _setting(3.0, 0.5, 30.0, step=0.5, source="navigation.md")
+    replan_hold_s: float = _setting(3.0, 0.5, 30.0, step=0.5, source="design")
     """How long the deviation must last before a new route is planned."""
 
 
@@ -71,23 +71,23 @@ class ObstacleSettings(_Group):
     nearer). More than the gate's: who hears of an obstacle at 2 m has 1 m left when they have reacted."""
     narrow_clearance_m: float = _setting(1.2, 0.8, 4.0, step=0.1, source="closed-loop trials", safety=True)
     """Where no direction is free for δ, somebody who stands may begin to walk in one that is free for this."""
-    stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="navigation.md", safety=True)
+    stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="design", safety=True)
     """Anything nearer than this straight ahead stops the walker at once."""
-    sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="navigation.md", safety=True)
+    sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="design", safety=True)
     """Free space needed beyond a sub-goal that is nearer than δ."""
-    person_width_m: float = _setting(0.7, 0.5, 1.2, step=0.05, source="navigation.md", safety=True)
+    person_width_m: float = _setting(0.7, 0.5, 1.2, step=0.05, source="design", safety=True)
     """Width of the corridor that must be free."""
-    low_height_m: float = _setting(0.10, 0.05, 0.3, step=0.01, source="navigation.md", safety=True)
+    low_height_m: float = _setting(0.10, 0.05, 0.3, step=0.01, source="design", safety=True)
     """What stands higher than this above the floor is an obstacle."""
-    head_height_m: float = _setting(1.9, 1.5, 2.5, step=0.05, source="navigation.md", safety=True)
+    head_height_m: float = _setting(1.9, 1.5, 2.5, step=0.05, source="design", safety=True)
     """What hangs lower than this above the floor is an obstacle."""
-    drop_depth_m: float = _setting(0.10, 0.05, 0.5, step=0.01, source="navigation.md", safety=True)
+    drop_depth_m: float = _setting(0.10, 0.05, 0.5, step=0.01, source="design", safety=True)
     """A floor lower than this below the walker's is a drop: an obstacle at its edge."""
-    min_valid_fraction: float = _setting(0.3, 0.05, 0.9, step=0.05, source="navigation.md", safety=True)
+    min_valid_fraction: float = _setting(0.3, 0.05, 0.9, step=0.05, source="design", safety=True)
     """Share of the depth image that must carry a depth before it is believed."""
-    candidate_step_deg: float = _setting(3.0, 1.0, 10.0, step=1.0, source="navigation.md")
+    candidate_step_deg: float = _setting(3.0, 1.0, 10.0, step=1.0, source="design")
     """Angle between neighbouring candidate directions."""
-    leave_frames_count: int = _setting(3, 1, 10, step=1, source="navigation.md", safety=True)
+    leave_frames_count: int = _setting(3, 1, 10, step=1, source="design", safety=True)
     """Free frames in a row that are needed before walking again after a stop."""
 
 
@@ -100,7 +100,7 @@ class FollowerSettings(_Group):
     """d: the sub-goal lies this far from the closest point."""
     turning_angle_deg: float = _setting(30.0, 10.0, 90.0, step=5.0, source="Eq. 2: θ = π/6")
     """θ: a bend of the route by more than this is a turning point."""
-    turning_reached_m: float = _setting(0.7, 0.2, 2.0, step=0.05, source="navigation.md, case 2")
+    turning_reached_m: float = _setting(0.7, 0.2, 2.0, step=0.05, source="Eq. 2, case 2")
     """A turning point nearer than this is reached."""
     arrival_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="IV-C, case 3: 1.0 m")
     """A destination nearer than this is reached."""
@@ -110,9 +110,9 @@ class FollowerSettings(_Group):
     """A heading that differs more than this from the expected direction is corrected."""
     turn_angle_deg: float = _setting(40.0, 20.0, 90.0, step=1.0, source="half the depth camera's field")
     """An expected direction farther to the side than this is turned to on the spot, without a step."""
-    turn_settled_deg: float = _setting(12.0, 3.0, 30.0, step=1.0, source="navigation.md")
+    turn_settled_deg: float = _setting(12.0, 3.0, 30.0, step=1.0, source="design")
     """A turn on the spot ends when the expected direction is nearer to straight ahead than this."""
-    closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="navigation.md, Eq. 1")
+    closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="Eq. 1")
     """How far along the route, from the last one, the closest point is looked for."""
 
 
@@ -123,16 +123,16 @@ class GateSettings(_Group):
     """δ: an echo nearer than this closes the gate (or nearer than the sub-goal and a margin, where that is nearer)."""
     half_field_deg: float = _setting(7.5, 5.0, 30.0, step=0.5, source="Eq. 5: ±7.5°", safety=True)
     """Half of the ultrasonic field: directions inside it are checked."""
-    stale_after_s: float = _setting(0.25, 0.05, 1.0, step=0.05, source="navigation.md, Eq. 5", safety=True)
+    stale_after_s: float = _setting(0.25, 0.05, 1.0, step=0.05, source="Eq. 5", safety=True)
     """A reading older than this is not believed."""
 
 
 class CueSettings(_Group):
     """Cues."""
 
-    language: Literal["en", "zh"] = _setting("en", source="navigation.md")
+    language: Literal["en", "zh"] = _setting("en", source="design")
     """Language of the speech."""
-    straight_within_deg: float = _setting(10.0, 2.0, 30.0, step=1.0, source="navigation.md")
+    straight_within_deg: float = _setting(10.0, 2.0, 30.0, step=1.0, source="design")
     """Directions within this of straight ahead need no steering tone."""
     tick_interval_s: float = _setting(
         1.0, 0.3, 1.4, step=0.1, source="the walker's own stop after 1.5 s of silence", safety=True
@@ -140,22 +140,22 @@ class CueSettings(_Group):
     """Time between the heart-beats that say "walk" still holds."""
     steer_interval_s: float = _setting(0.5, 0.2, 1.4, step=0.1, source="reaction time 0.3–0.9 s", safety=True)
     """Time between steering tones while the direction is not straight ahead."""
-    turn_repeat_s: float = _setting(3.0, 1.0, 10.0, step=0.5, source="navigation.md")
+    turn_repeat_s: float = _setting(3.0, 1.0, 10.0, step=0.5, source="design")
     """Time before an instruction that still holds is said again."""
     reassurance_m: float = _setting(10.0, 3.0, 50.0, step=1.0, source="Wayfindr")
     """Distance walked between two reassurances."""
     announce_m: float = _setting(6.0, 2.0, 10.0, step=0.5, source="Wayfindr: 6 ± 1 m")
     """How far ahead a place on the way is announced."""
-    beep_range_m: float = _setting(4.0, 1.0, 6.0, step=0.5, source="navigation.md")
+    beep_range_m: float = _setting(4.0, 1.0, 6.0, step=0.5, source="design")
     """An obstacle nearer than this is heard as a beep."""
 
 
 class WatchdogSettings(_Group):
     """Watchdog."""
 
-    guidance_timeout_s: float = _setting(0.5, 0.2, 1.0, step=0.05, source="navigation.md", safety=True)
+    guidance_timeout_s: float = _setting(0.5, 0.2, 1.0, step=0.05, source="design", safety=True)
     """Guidance older than this is the cue Stop."""
-    camera_timeout_s: float = _setting(0.5, 0.1, 2.0, step=0.05, source="navigation.md", safety=True)
+    camera_timeout_s: float = _setting(0.5, 0.1, 2.0, step=0.05, source="design", safety=True)
     """A camera that delivers nothing for this long has failed."""
 
 

@@ -51,7 +51,7 @@ class Frame:
 
 
 class SonarState(enum.Enum):
-    """What the ultrasonic rangefinder can say (navigation.md, Eq. 5)."""
+    """What the ultrasonic rangefinder can say (Eq. 5)."""
 
     OK = "ok"
     """An echo came back from ``distance_m``."""

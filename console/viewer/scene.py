@@ -165,7 +165,8 @@ def draw_map(
         cell_size=1.0, section_size=5.0, cell_color=look.GRID, section_color=look.GRID_SECTION, plane_color=look.FLOOR,
         plane_opacity=1.0, shadow_opacity=0.0, fade_distance=400.0,
     )  # fmt: skip
-    view = overview(bounds)
+    # Nobody has opened a window yet; beside the panel of a usual screen the scene is about this wide.
+    view = overview(bounds, aspect=1.2)
     server.initial_camera.position = view.position_m
     server.initial_camera.fov = FOV_RAD
     server.initial_camera.look_at = view.look_at_m

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from device_agent.single_core import use_one_core
-from navcore.errors import InputError
+from navcore.errors import InputError, VbrError
 from navcore.evaluation import absolute_trajectory_error
 from navcore.geometry import FloatArray
 from navcore.recording import Recording, open_recording, read_trajectory
@@ -167,4 +167,7 @@ def _ate(recording: Recording, poses: list[tuple[float, FloatArray]]) -> float |
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except VbrError as error:
+        sys.exit(str(error))

@@ -29,6 +29,23 @@ export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
 export const patch = (path, body) => ask("PATCH", path, body);
 
+let leaving = false;
+
+/** The session has ended: sign in, and come back here. */
 export function signInAgain() {
+  if (leaving) return;
+  leaving = true;
   location.assign(`/signin?next=${encodeURIComponent(location.pathname)}`);
+}
+
+/** Sign out for good. The console ends the live socket meanwhile, which must not lead to another page at the same time. */
+export async function signOut() {
+  leaving = true;
+  try {
+    await post("/api/sign-out");
+  } catch (error) {
+    leaving = false;
+    if (error.status !== 401) throw error;
+  }
+  location.assign("/signin");
 }

@@ -1,6 +1,6 @@
 /* What all pages share: who is signed in, the way out, and the pages a role may see. */
 
-import { get, post } from "./api.js";
+import { get, signOut } from "./api.js";
 import { $, setText } from "./dom.js";
 import { attempt } from "./toast.js";
 
@@ -14,9 +14,6 @@ export async function start() {
   setText($("user-name"), session.name);
   setText($("user-role"), session.role);
   $("nav-admin").hidden = session.role !== "admin";
-  $("sign-out").addEventListener("click", () => attempt(async () => {
-    await post("/api/sign-out");
-    location.assign("/signin");
-  }));
+  $("sign-out").addEventListener("click", () => attempt(signOut));
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role) };
 }

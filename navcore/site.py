@@ -5,7 +5,7 @@
     SITE/
       manifest.json     format, schema version, site id, name, and of every other map file its size and SHA-256
       camera.json       the camera that made the map
-      map/*.npy         the SLAM map: key frames, landmarks, observations (see navcore.slam.map)
+      map/*.npy         the SLAM map: key frames, landmarks, observations (see navcore.slam.slam_map)
       road/*.npy        the virtual blind road: one polyline (n, 3) for each recorded stretch, metres, floor at z = 0
       cloud/*.npy       the dense coloured cloud: points_m (n, 3) float32, colours_rgb (n, 3) uint8
       poi_graph.json    the PoI-graph as last published; it changes without the map, so it stands outside the manifest
@@ -52,7 +52,7 @@ class Site:
     name: str
     intrinsics: CameraIntrinsics
     map_arrays: Mapping[str, NDArray[Any]]
-    """The SLAM map, array by array; :mod:`navcore.slam.map` reads it."""
+    """The SLAM map, array by array; :mod:`navcore.slam.slam_map` reads it."""
     roads_m: tuple[FloatArray, ...]
     """The virtual blind road: polylines (n, 3)."""
     cloud_points_m: NDArray[np.float32]

@@ -135,13 +135,6 @@ class RoadNetwork:
         x, y = float(points[best, 0]), float(points[best, 1])
         return RoadPoint(x, y, int(candidates[best]), float(fraction[best]), math.hypot(x - x_m, y - y_m))
 
-    def snap(self, x_m: float, y_m: float, within_m: float = math.inf) -> tuple[float, float] | None:
-        """Return the nearest place on the road, or None where it is farther than ``within_m`` or there is no road."""
-        if self.is_empty:
-            return None
-        point = self.nearest(x_m, y_m)
-        return point.xy_m if point.distance_m <= within_m else None
-
     def shortest_piece(self, a: RoadPoint, b: RoadPoint) -> RoadPiece:
         """Return the shortest way along the road from a to b. Raises PlanningError where no road joins them."""
         if a.segment == b.segment:

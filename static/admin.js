@@ -1,6 +1,6 @@
 import { get, patch, post } from "./api.js";
 import { $, ago, badge, el, setText } from "./dom.js";
-import { start } from "./shell.js";
+import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
 const ROLES = ["viewer", "editor", "technician", "admin"];
@@ -85,3 +85,5 @@ form("token-form", "token-problem", async () => {
   const { name, token } = await post("/api/tokens", { name: $("token-name").value });
   showSecret(`This is the token of ${name}. It is shown only now; an earlier one of this name is void.`, token);
 });
+
+ready();

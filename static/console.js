@@ -2,7 +2,7 @@ import { post } from "./api.js";
 import { $, badge, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES, undoKeys } from "./graph.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
-import { start } from "./shell.js";
+import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
 import { attempt, toast } from "./toast.js";
 import { Walker } from "./walker.js";
@@ -196,3 +196,5 @@ function redrawPlaces() {
 
 await graph.fetch();
 follow(showLive);
+
+ready();

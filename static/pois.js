@@ -1,7 +1,7 @@
 import { $, el, icon, metres, setText } from "./dom.js";
 import { Graph, KIND_NAMES, undoKeys } from "./graph.js";
 import { follow } from "./live.js";
-import { start } from "./shell.js";
+import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
 const me = await start();
@@ -135,3 +135,5 @@ async function savePoi() {
   if (moved) await graph.edit({ edit: "move_poi", poi_id: edited.id, ...place });
   return graph.edit({ edit: "update_poi", poi_id: edited.id, ...names });
 }
+
+ready();

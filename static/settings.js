@@ -1,7 +1,7 @@
 import { get, patch } from "./api.js";
 import { $, badge, el, onChange, setText } from "./dom.js";
 import { follow } from "./live.js";
-import { start } from "./shell.js";
+import { ready, start } from "./shell.js";
 
 const ANSWER_SHOWN_MS = 6000;
 const me = await start();
@@ -198,3 +198,5 @@ const showRevisions = onChange((revisions) => {
       el("td", {}, changes), el("td", {}, r.why || "–"), el("td", {}, badge(...KINDS[r.state], r.state), r.refusal ? ` ${r.refusal}` : ""));
   }));
 });
+
+ready();

@@ -1,7 +1,7 @@
 /* What all pages share: who is signed in, the way out, and the pages a role may see. */
 
 import { get, signOut } from "./api.js";
-import { $, setText } from "./dom.js";
+import { $, el, setText } from "./dom.js";
 import { attempt } from "./toast.js";
 
 const EDITING = ["editor", "admin"];
@@ -17,3 +17,17 @@ export async function start() {
   $("sign-out").addEventListener("click", () => attempt(signOut));
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role) };
 }
+
+/** The page is whole: until now nothing on it could be pressed, for nothing would have happened. */
+export function ready() {
+  removeEventListener("error", sayItFailed);
+  document.body.inert = false;
+}
+
+function sayItFailed({ error, message }) {
+  const again = el("button", { type: "button", onclick: () => location.reload() }, "Load it again");
+  $("main").prepend(el("p", { class: "note bad", role: "alert" }, `This page could not be started. ${error?.message ?? message} `, again));
+  ready();
+}
+
+addEventListener("error", sayItFailed);

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from browser import become_admin, chromium, until
 from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited, serving
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, Page, Route, TimeoutError, expect
 from websockets.exceptions import ConnectionClosed
 
 from console.edits import UpdatePoi
@@ -152,6 +152,31 @@ def test_places_are_made_joined_and_taken_back_without_any_dragging(page: Page, 
     assert server.services.model.published == server.services.model.graph
 
 
+def test_a_page_takes_no_click_before_it_can_answer_it(page: Page) -> None:
+    held: list[Route] = []
+    page.route("**/api/graph", lambda route: held.append(route))
+    page.goto("/pois")
+    add = page.get_by_role("button", name="Add a place…", include_hidden=True)
+    assert page.evaluate("document.body.inert")
+    with pytest.raises(TimeoutError):
+        add.click(timeout=500)
+    until(page, lambda: bool(held), "the question for the graph")
+    held.pop().continue_()
+    add.click()
+    expect(page.get_by_role("dialog").get_by_label("Name")).to_be_visible()
+
+
+def test_a_page_that_cannot_start_says_so_and_offers_to_try_again(page: Page) -> None:
+    page = page.context.new_page()
+    page.set_default_timeout(60_000)
+    page.route("**/api/settings", lambda route: route.fulfill(status=500, json={"error": "The disk is full."}))
+    page.goto("/settings")
+    expect(page.get_by_role("alert")).to_contain_text("This page could not be started. The disk is full.")
+    page.unroute("**/api/settings")
+    page.get_by_role("button", name="Load it again").click()
+    expect(page.get_by_label("Sub goal distance, as a number")).to_be_visible()
+
+
 def test_an_edit_of_somebody_else_is_seen(page: Page, server: ConsoleServer) -> None:
     page.goto("/")
     page.get_by_role("tab", name="Places").click()
@@ -216,6 +241,7 @@ def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None
     for path in ("/", "/pois", "/settings", "/admin"):
         page.goto(path)
         expect(page.locator("#user-name")).to_have_text("Ada")
+        page.wait_for_function("!document.body.inert")
         assert page.evaluate(NAMELESS) == [], path
         assert page.locator("h1").count() == 1
         assert page.locator("main").count() == 1

@@ -6,18 +6,22 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from navcore.angles import RelativeAngle, WorldAngle
+from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform, heading_of_camera
 
 ImageRgb = NDArray[np.uint8]
 """Colour image (height, width, 3), red first."""
 DepthImage = NDArray[np.float32]
 """Depth image (height, width), metres along the optical axis; NaN where the sensor gave nothing."""
+ImageGrey = NDArray[np.uint8]
+"""Grey image (height, width)."""
 
 
 # ---------------------------------------------------------------------------------------------------- sensors
@@ -40,6 +44,91 @@ class CameraIntrinsics:
         return np.array([[self.fx_px, 0.0, self.cx_px], [0.0, self.fy_px, self.cy_px], [0.0, 0.0, 1.0]])
 
 
+@dataclass(frozen=True, slots=True)
+class FisheyeIntrinsics:
+    """A fisheye lens after Kannala and Brandt (2006), with four coefficients, as OpenCV's fisheye module has it.
+
+    A ray θ off the optical axis meets the image at the radius θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), times the
+    focal length. Raises InputError for numbers that no lens has.
+    """
+
+    width_px: int
+    height_px: int
+    fx_px: float
+    """Pixels per radian on the optical axis."""
+    fy_px: float
+    cx_px: float
+    cy_px: float
+    k1: float
+    k2: float
+    k3: float
+    k4: float
+    max_angle_rad: float
+    """Half the field of view: the lens shows nothing farther off its axis. It may exceed 90°."""
+
+    def __post_init__(self) -> None:
+        if self.width_px < 16 or self.height_px < 16:
+            raise InputError(f"A fisheye picture of {self.width_px}×{self.height_px} pixels is too small to be used.")
+        numbers = (self.fx_px, self.fy_px, self.cx_px, self.cy_px, *self.distortion, self.max_angle_rad)
+        if not all(math.isfinite(number) for number in numbers):
+            raise InputError(
+                "The calibration of the fisheye camera holds a number that is not finite: calibrate again."
+            )
+        sizes = (self.width_px, self.height_px)
+        for name, focal_px, size_px in zip(("fx", "fy"), (self.fx_px, self.fy_px), sizes, strict=True):
+            if not 0.1 * size_px <= focal_px <= 5.0 * size_px:
+                raise InputError(
+                    f"The fisheye camera's {name} is {focal_px:g} px per radian, which does not fit a picture of"
+                    f" {self.width_px}×{self.height_px} pixels: use the calibration made at this size."
+                )
+        if not (0 < self.cx_px < self.width_px and 0 < self.cy_px < self.height_px):
+            raise InputError(
+                f"The fisheye camera's optical axis at ({self.cx_px:g}, {self.cy_px:g}) lies outside the picture of"
+                f" {self.width_px}×{self.height_px} pixels: use the calibration made at this size."
+            )
+        if not math.radians(10.0) <= self.max_angle_rad <= math.radians(175.0):
+            raise InputError(
+                f"The fisheye camera is said to see up to {math.degrees(self.max_angle_rad):g}° off its axis: give half"
+                " its field of view, 10 to 175°."
+            )
+        if not self._is_increasing():
+            raise InputError(
+                "The fisheye camera's k1 k2 k3 k4 fold the picture back on itself within"
+                f" {math.degrees(self.max_angle_rad):g}°: calibrate again, or give a narrower field of view."
+            )
+
+    def _is_increasing(self) -> bool:
+        """Return whether rays farther off the axis meet the image farther from its centre."""
+        theta = np.linspace(0.0, self.max_angle_rad, 257)
+        radius = theta.copy()
+        for power, k in enumerate(self.distortion, 1):
+            radius += k * theta ** (2 * power + 1)
+        return bool(np.all(np.diff(radius) > 0.0))
+
+    @property
+    def distortion(self) -> tuple[float, float, float, float]:
+        """k1 k2 k3 k4."""
+        return self.k1, self.k2, self.k3, self.k4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FisheyeCamera:
+    """The second, wide camera, and how it is mounted beside the depth camera."""
+
+    intrinsics: FisheyeIntrinsics
+    fisheye_from_camera: Transform
+    """Takes points in the depth camera's frame to the fisheye camera's, both x right, y down, z forward."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FisheyeImage:
+    """One capture of the fisheye camera."""
+
+    stamp_s: float
+    """Its own time of capture, seconds, on the depth camera's clock."""
+    grey: ImageGrey
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
     """One capture of the depth camera: colour and registered depth, of the same instant."""
@@ -48,6 +137,8 @@ class Frame:
     """The sensor's own time of capture, seconds."""
     colour_rgb: ImageRgb
     depth_m: DepthImage
+    fisheye: FisheyeImage | None = None
+    """What the fisheye camera saw at about the same time, where there is one."""
 
 
 class SonarState(enum.Enum):

@@ -110,3 +110,5 @@ class KeyFrame:
     """Position in the map's arrays; never reused."""
     stamp_s: float
     features: Features
+    session: int = 0
+    """The recording that it comes from; stamps are only comparable within one."""

@@ -52,8 +52,10 @@ def essential_edges(builder: MapBuilder) -> tuple[IntArray, IntArray, FloatArray
         parent = int(builder.parent[keyframe])
         if parent >= 0:
             pairs.add((max(keyframe, parent), min(keyframe, parent)))
-    # Neighbours in time hold together even where they share little.
-    pairs.update(zip(alive[1:].tolist(), alive[:-1].tolist(), strict=True))
+    # Neighbours in time hold together even where they share little; two recordings are no neighbours in time.
+    session = np.array([builder.keyframes[k].session for k in alive.tolist()])
+    together = np.flatnonzero(session[1:] == session[:-1])
+    pairs.update(zip(alive[together + 1].tolist(), alive[together].tolist(), strict=True))
     ordered = np.array(sorted(pairs), dtype=np.int32).reshape(-1, 2)
     poses = builder.camera_from_world
     relative = poses[ordered[:, 0]] @ np.linalg.inv(poses[ordered[:, 1]])

@@ -31,6 +31,9 @@ from navcore.slam.keyframes import (
 
 BoolArray = NDArray[np.bool_]
 
+LONG_AGO = -1_000_000
+"""Stands in ``first_keyframe`` of landmarks that were taken over from a finished map."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
@@ -58,6 +61,8 @@ class MapBuilder:
         """(i, j, i_from_j (4, 4)) of every closed loop, for the essential graph."""
         self.version = 0
         """Counts corrections of the whole map (loops closed), after which remembered poses are stale."""
+        self.session = 0
+        """The recording that key frames which are added now come from."""
         self._feature_capacity = features_per_frame
         self._camera_from_world = np.zeros((0, 4, 4))
         self._landmark_of: IntArray = np.zeros((0, features_per_frame), np.int32)
@@ -105,7 +110,7 @@ class MapBuilder:
         index = len(self.keyframes)
         if index == len(self._keyframe_alive):
             self._grow_keyframes(max(64, 2 * index))
-        self.keyframes.append(KeyFrame(index, stamp_s, features))
+        self.keyframes.append(KeyFrame(index, stamp_s, features, self.session))
         self._camera_from_world[index] = camera_from_world
         self._octaves[index, : len(features)] = features.octave
         self._keyframe_alive[index] = True
@@ -204,7 +209,7 @@ class MapBuilder:
 
     @property
     def first_keyframe(self) -> IntArray:
-        """(N,): the key frame that created it."""
+        """(N,): the key frame that created it, LONG_AGO where that is not known."""
         return self._first_keyframe[: self._landmark_count]
 
     def add_landmarks(self, keyframe: int, features: IntArray, positions: FloatArray) -> IntArray:
@@ -228,6 +233,28 @@ class MapBuilder:
         self._found[new] = 1
         self._first_keyframe[new] = keyframe
         self.connect(keyframe, features, new)
+        return new
+
+    def adopt_landmarks(
+        self, positions: FloatArray, normals: FloatArray, reach: FloatArray, descriptors: ByteArray
+    ) -> IntArray:
+        """Add landmarks of a finished map, (n, 3), (n, 3), (n,) and (n, 32), that no key frame sees yet.
+
+        Return their indices (n,). They have proved themselves: they are never culled as young ones.
+        """
+        first, count = self._landmark_count, len(positions)
+        if first + count > len(self._reach):
+            self._grow_landmarks(max(4096, first + count, 2 * len(self._reach)))
+        self._landmark_count = first + count
+        new = np.arange(first, first + count, dtype=np.int32)
+        self._positions[new] = positions
+        self._normals[new] = normals
+        self._reach[new] = reach
+        self._descriptors[new] = descriptors
+        self._landmark_alive[new] = True
+        self._visible[new] = 1
+        self._found[new] = 1
+        self._first_keyframe[new] = LONG_AGO
         return new
 
     def connect(self, keyframe: int, features: IntArray, landmarks: IntArray) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 
 from navcore.geometry import FloatArray
 from navcore.slam import loop_correction, mapping
-from navcore.slam.keyframes import IntArray
+from navcore.slam.keyframes import ByteArray, IntArray
 from navcore.slam.loop_verification import VerifiedLoop, verify
 from navcore.slam.map import MapBuilder
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
@@ -28,12 +28,6 @@ ALIKE_CANDIDATES = 3
 NEAR_CANDIDATES = 2
 MIN_RELATIVE_SCORE = 0.3
 """A candidate must look this much alike, compared with the key frame's own neighbours."""
-DRIFT_M_PER_M = 0.05
-"""Drift that a walk can have, per metre walked, …"""
-DRIFT_M = 0.4
-"""… and what is allowed in any case."""
-DRIFT_RAD_PER_M = 0.02
-DRIFT_RAD = 0.12
 AGREEMENT_M = 0.12
 """Two detections in a row say the same when they agree on the key frame's place up to this, and on its …"""
 AGREEMENT_RAD = 0.05
@@ -42,6 +36,28 @@ MEMORY = 4
 """Detections are compared with those of so many key frames before."""
 SMALL_CORRECTION_M = 0.05
 """A loop that moves its key frame by less needs no adjustment of the whole map at once."""
+
+
+@dataclass(frozen=True, slots=True)
+class DriftGate:
+    """How far a map may be wrong: a loop that would correct more is not believed."""
+
+    shift_m: float = 0.4
+    """Drift that is allowed in any case, …"""
+    shift_m_per_m: float = 0.05
+    """… and per metre walked between the two ends of the loop."""
+    turn_rad: float = 0.12
+    turn_rad_per_m: float = 0.02
+
+    def admits(self, shift_m: float, turn_rad: float, walked_m: float) -> bool:
+        """Return whether a correction is no larger than the drift of a walk of this length."""
+        return (
+            shift_m <= self.shift_m + self.shift_m_per_m * walked_m
+            and turn_rad <= self.turn_rad + self.turn_rad_per_m * walked_m
+        )
+
+
+DRIFT_OF_A_WALK = DriftGate()
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,12 +72,16 @@ class LoopClosure:
 
 
 class LoopCloser:
-    """Looks for loops each time a key frame is added. The same map and seed give the same loops."""
+    """Looks for loops each time a key frame is added. The same map and seed give the same loops.
 
-    def __init__(self, builder: MapBuilder, seed: int = 0) -> None:
+    ``max_drift`` bounds what a loop may correct; joining recordings, whose places are not known well, can widen it.
+    """
+
+    def __init__(self, builder: MapBuilder, seed: int = 0, max_drift: DriftGate = DRIFT_OF_A_WALK) -> None:
         self.closures: list[LoopClosure] = []
         self._builder = builder
         self._seed = seed
+        self._max_drift = max_drift
         self._index: PlaceIndex | None = None
         self._next_training = FIRST_TRAINING
         self._recent: list[VerifiedLoop] = []
@@ -72,6 +92,16 @@ class LoopCloser:
     def places(self) -> PlaceIndex:
         """The place index over the living key frames, on a vocabulary trained on all of them."""
         return self._trained()
+
+    def alike(self, descriptors: ByteArray, count: int) -> IntArray:
+        """Return up to ``count`` living key frames that look most like an image with the descriptors (n, 32)."""
+        if self._index is None:
+            if not len(self._builder.keyframes):
+                return np.zeros(0, np.int32)
+            self._index = self._trained()
+            self._next_training = max(self._next_training, 4 * len(self._builder.keyframes))
+        dead = np.flatnonzero(~self._builder.keyframe_alive).astype(np.int32)
+        return self._index.query(descriptors, count, dead)[0]
 
     def add(self, keyframe: int) -> LoopClosure | None:
         """Take a new key frame in; close a loop where it completes one.
@@ -176,10 +206,9 @@ class LoopCloser:
         return best
 
     def _is_plausible_drift(self, loop: VerifiedLoop) -> bool:
-        """Return whether the correction is no larger than the drift of a walk of this length."""
         walked_m = self._walked(loop.candidate, loop.keyframe)
         shift_m, turn_rad = difference(loop.camera_from_world, self._builder.camera_from_world[loop.keyframe])
-        return shift_m <= DRIFT_M + DRIFT_M_PER_M * walked_m and turn_rad <= DRIFT_RAD + DRIFT_RAD_PER_M * walked_m
+        return self._max_drift.admits(shift_m, turn_rad, walked_m)
 
     def _walked(self, first: int, last: int) -> float:
         alive = np.flatnonzero(self._builder.keyframe_alive)

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
@@ -68,7 +69,7 @@ def verify(builder: MapBuilder, keyframe: int, candidate: int, seed: int = 0) ->
         pose, feature, landmark, expected = _guided(builder, held.features, pose, landmarks, radius_px * scale)
         if len(feature) < MIN_GUIDED:
             return None
-    if len(feature) < MIN_FOUND_SHARE * expected or not _is_spread(builder, held.features, feature):
+    if len(feature) < MIN_FOUND_SHARE * expected or not is_spread(builder, held.features, feature):
         return None
     if contradicted_share(builder, held.features, pose, landmarks) > MAX_CONTRADICTED_SHARE:
         return None
@@ -134,7 +135,7 @@ def _guided(
     return pose, feature[inlier], landmark[inlier], len(wanted)
 
 
-def _is_spread(builder: MapBuilder, features: Features, feature: IntArray) -> bool:
+def is_spread(builder: MapBuilder, features: Features, feature: IntArray | NDArray[np.intp]) -> bool:
     """Return whether the supporting features cover the image: one poster or door plate is not a place."""
     spread = np.std(features.uv_px[feature], axis=0)
     return bool(np.all(spread >= MIN_SPREAD_PX * builder.camera.width_px))

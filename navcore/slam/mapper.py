@@ -7,17 +7,18 @@ follows when key frames are moved by loop closing and adjustment.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
-from navcore.slam import mapping
+from navcore.slam import anchoring, mapping
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
-from navcore.slam.loop_closing import LoopCloser
+from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
 from navcore.slam.slam_map import SlamMap, freeze
@@ -43,6 +44,8 @@ KEYFRAME_RATIO = 0.6
 """A key frame is due when fewer landmarks are tracked than this share of the most since the last one."""
 MAX_KEYFRAME_INTERVAL_S = 3.0
 """A key frame is due after this time, where the camera moved."""
+MAX_HELD_FRAMES = 3000
+"""Frames of a continued recording that wait, at most, until its place in the map is found; older ones are dropped."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,19 +58,83 @@ class FramePose:
 
 
 class Mapper:
-    """Builds a map from frames in the order of their stamps."""
+    """Builds a map from frames in the order of their stamps.
 
-    def __init__(self, intrinsics: CameraIntrinsics, camera: SlamCamera, feature_count: int) -> None:
+    ``max_drift`` bounds what a loop may correct.
+    """
+
+    def __init__(
+        self,
+        intrinsics: CameraIntrinsics,
+        camera: SlamCamera,
+        feature_count: int,
+        *,
+        max_drift: DriftGate = DRIFT_OF_A_WALK,
+    ) -> None:
+        self._begin(MapBuilder(camera, feature_count), intrinsics, camera, feature_count, max_drift)
+
+    def _begin(
+        self,
+        builder: MapBuilder,
+        intrinsics: CameraIntrinsics,
+        camera: SlamCamera,
+        feature_count: int,
+        max_drift: DriftGate,
+    ) -> None:
         self.intrinsics = intrinsics
-        self.builder = MapBuilder(camera, feature_count)
+        self.builder = builder
         self.frame_poses: list[FramePose] = []
+        self.dropped_count = 0
+        """Frames that were given up because the recording's place in the map was not found in time."""
+        self._earlier_count = 0
+        self._held: list[tuple[float, Features]] = []
+        self._cold: Track | None = None
         self._extractor = FeatureExtractor(intrinsics, camera, feature_count)
-        self._closer = LoopCloser(self.builder)
+        self._closer = LoopCloser(self.builder, max_drift=max_drift)
         self._last: Track | None = None
         self._before_last: Track | None = None
         self._reference = -1
         self._most_tracked = 0
         self._last_keyframe_s = 0.0
+
+    @classmethod
+    def continuing(
+        cls,
+        builder: MapBuilder,
+        intrinsics: CameraIntrinsics,
+        camera: SlamCamera,
+        feature_count: int,
+        *,
+        earlier: Sequence[FramePose] = (),
+        max_drift: DriftGate = DRIFT_OF_A_WALK,
+    ) -> Mapper:
+        """Return a mapper that adds another recording to a map.
+
+        Frames wait (``held_count``) until two of them were located independently in the map; those before are then
+        followed backwards from there. ``earlier`` frames of the map move along with their key frames and come back in
+        the trajectory. Raises MappingError where the map was made with another camera or holds no key frame.
+        """
+        if builder.camera != camera:
+            raise MappingError(
+                "The map was recorded with another camera: continue it with the camera it was made with."
+            )
+        if not builder.keyframe_alive.any():
+            raise MappingError("The map holds no key frame: build it anew from its recording.")
+        mapper = cls.__new__(cls)
+        mapper._begin(builder, intrinsics, camera, feature_count, max_drift)
+        mapper.frame_poses += earlier
+        mapper._earlier_count = len(earlier)
+        return mapper
+
+    @property
+    def is_anchored(self) -> bool:
+        """Whether the place of this recording in the map is known; for a new map, whether it has begun."""
+        return self._reference >= 0
+
+    @property
+    def held_count(self) -> int:
+        """Frames that wait for the place of this recording in the map."""
+        return len(self._held)
 
     @property
     def world_from_camera(self) -> FloatArray:
@@ -96,20 +163,51 @@ class Mapper:
         features = self._extractor.extract(frame)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features)
-        track = self._track(frame.stamp_s, features)
+        if self._reference < 0:
+            return self._anchor(frame.stamp_s, features)
+        return self._follow(frame.stamp_s, features)
+
+    def _follow(self, stamp_s: float, features: Features) -> bool:
+        track = self._track(stamp_s, features)
         if track is None:
             self._before_last = None
-            self.frame_poses.append(FramePose(frame.stamp_s, -1, np.eye(4)))
+            self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
         if self._is_keyframe_due(track):
             track = self._insert_keyframe(track)
         camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
-        self.frame_poses.append(FramePose(frame.stamp_s, self._reference, camera_from_reference))
+        self.frame_poses.append(FramePose(stamp_s, self._reference, camera_from_reference))
         self._before_last, self._last = (self._last if self._was_tracked() else None), track
         return True
 
     def _was_tracked(self) -> bool:
         return len(self.frame_poses) >= 2 and self.frame_poses[-2].reference >= 0
+
+    # ------------------------------------------------------------------------------------------- continuing
+    def _anchor(self, stamp_s: float, features: Features) -> bool:
+        """Look for a frame in the map that is continued; once two agree, follow the recording from there both ways."""
+        candidates = self._closer.alike(features.descriptors, anchoring.CANDIDATES)
+        found = anchoring.locate_cold(self.builder, stamp_s, features, candidates)
+        confirmed = found is not None and self._cold is not None and anchoring.agree(self.builder, self._cold, found)
+        self._cold = found
+        if found is None or not confirmed:
+            self._held.append((stamp_s, features))
+            if len(self._held) > MAX_HELD_FRAMES:
+                self._held.pop(0)
+                self.dropped_count += 1
+            return False
+        self._last = self._insert_keyframe(found)
+        anchor = self._reference
+        self.frame_poses.append(FramePose(stamp_s, anchor, np.eye(4)))
+        self._follow_backwards()
+        self._reference, self._last_keyframe_s, self._most_tracked = anchor, stamp_s, 0
+        self._before_last, self._last = None, self._track_of(anchor)
+        return True
+
+    def _follow_backwards(self) -> None:
+        held, self._held, self._cold = self._held, [], None
+        for stamp_s, features in reversed(held):
+            self._follow(stamp_s, features)
 
     # --------------------------------------------------------------------------------------------- tracking
     def _start(self, stamp_s: float, features: Features) -> bool:
@@ -166,7 +264,7 @@ class Mapper:
         tracked_close = int(np.count_nonzero(close & (track.landmark_of >= 0)))
         new_close = int(np.count_nonzero(close & (track.landmark_of < 0)))
         needs_close = tracked_close < 100 and new_close > 70
-        late = track.stamp_s - self._last_keyframe_s > MAX_KEYFRAME_INTERVAL_S
+        late = abs(track.stamp_s - self._last_keyframe_s) > MAX_KEYFRAME_INTERVAL_S
         return late or needs_close or count < KEYFRAME_RATIO * self._most_tracked
 
     def _insert_keyframe(self, track: Track) -> Track:
@@ -189,19 +287,28 @@ class Mapper:
     # ---------------------------------------------------------------------------------------------- result
     def finish(self) -> SlamMap:
         """Close the loops that are still open, adjust the whole map, and return it. Raises MappingError."""
-        tracked = sum(pose.reference >= 0 for pose in self.frame_poses)
+        if not self.is_anchored and self._held:
+            raise MappingError(
+                "No frame of the recording was recognised in the map: begin it, or let it pass, where the map has been."
+            )
+        own = self.frame_poses[self._earlier_count :]
+        tracked = sum(pose.reference >= 0 for pose in own)
         if tracked < MIN_TRACKED_FRAMES:
             raise MappingError(
-                f"Only {tracked} of {len(self.frame_poses)} frames could be followed, too few for a map: record again,"
-                " slowly, in good light, 0.5 to 4 m from things with texture."
+                f"Only {tracked} of {len(own)} frames could be followed, too few for a map: record again, slowly,"
+                " in good light, 0.5 to 4 m from things with texture."
             )
         self._closer.finish()
         return freeze(self.builder, self._closer.places, self.trajectory())
 
     def trajectory(self) -> list[tuple[float, FloatArray]]:
-        """Return stamp and world_from_camera (4, 4) of every tracked frame."""
+        """Return stamp and world_from_camera (4, 4) of every tracked frame, in the order of the stamps.
+
+        Those of earlier recordings, given to :meth:`continuing`, come first.
+        """
+        own = sorted(self.frame_poses[self._earlier_count :], key=lambda pose: pose.stamp_s)
         return [
             (p.stamp_s, inverse_se3(p.camera_from_reference @ self.builder.pose_of(p.reference)))
-            for p in self.frame_poses
+            for p in [*self.frame_poses[: self._earlier_count], *own]
             if p.reference >= 0
         ]

@@ -96,10 +96,15 @@ class Track:
 
 
 def predict_pose(last: Track, before_last: Track | None, stamp_s: float) -> FloatArray:
-    """Return camera_from_world (4, 4) at a time, for a camera that keeps its velocity, also over dropped frames."""
-    if before_last is None or last.stamp_s <= before_last.stamp_s:
+    """Return camera_from_world (4, 4) at a time, for a camera that keeps its velocity, also over dropped frames.
+
+    Time may run backwards, but must not turn round on the way.
+    """
+    if before_last is None or last.stamp_s == before_last.stamp_s:
         return last.camera_from_world
     ratio = (stamp_s - last.stamp_s) / (last.stamp_s - before_last.stamp_s)
+    if ratio <= 0.0:
+        return last.camera_from_world
     step = last.camera_from_world @ np.linalg.inv(before_last.camera_from_world)
     if 0.7 < ratio < 1.4:
         return np.asarray(step @ last.camera_from_world)

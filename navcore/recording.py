@@ -4,25 +4,33 @@
 lines: fx fy cx cy in pixels, k1 k2 p1 p2 k3 where the colour image is distorted, depth_factor in units per metre) and,
 where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``). The sighted person who records the road
 can name places on the way: ``marks.txt`` (``t kind name``), a line each.
+
+A second, wide camera adds three things; a recording without them is whole as well. ``fisheye/`` holds its grey
+pictures, ``fisheye.txt`` (``t fisheye/name``) says when each was taken, on the depth camera's clock, and
+``fisheye_calib.txt`` (``name value`` lines) describes it: fx fy in pixels per radian, cx cy in pixels, k1 k2 k3 k4 of
+Kannala and Brandt's model, max_angle_deg (half the field of view), and its mounting, the depth camera seen from the
+fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw. A frame gets the picture
+that was taken nearest to it, at most MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
 """
 
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from navcore.errors import RecordingError
+from navcore.fisheye_recording import FisheyeRecording, FisheyeWriter, open_fisheye
 from navcore.geometry import FloatArray, Transform
 from navcore.planning.poi_graph import POI_KINDS, PoiKind
-from navcore.types import CameraIntrinsics, DepthImage, Frame
+from navcore.recorded_files import is_number, read_image, read_values
+from navcore.types import CameraIntrinsics, DepthImage, FisheyeCamera, FisheyeImage, Frame
 
 MAX_DEPTH_UNITS = 65_535
 MAX_NAME_LENGTH = 80
@@ -32,8 +40,6 @@ _FOCAL_WIDTHS = (0.2, 20.0)
 _MAX_DISTORTION = 1000.0
 _DEPTH_FACTORS = (10.0, 100_000.0)
 """Depth units per metre: 16 bits hold nothing useful in coarser or finer ones."""
-_IMAGE_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
-"""How a whole JPEG or PNG file begins, and what stands at its end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +69,8 @@ class Recording:
     depth_factor: float
     """Depth units per metre."""
     entries: tuple[RecordedFrame, ...]
+    fisheye: FisheyeRecording | None = None
+    """The second, wide camera and its pictures; None where the recording has none."""
 
     def __len__(self) -> int:
         return len(self.entries)
@@ -75,7 +83,7 @@ class Recording:
     def read(self, entry: RecordedFrame) -> Frame:
         """Read one frame. Raises RecordingError where an image is missing, damaged or of another size."""
         colour = _read_colour(entry.colour_path)
-        depth = _read_image(entry.depth_path, cv2.IMREAD_UNCHANGED)
+        depth = read_image(entry.depth_path, cv2.IMREAD_UNCHANGED)
         if depth is None or depth.dtype != np.uint16 or depth.ndim != 2:
             raise RecordingError(f"{entry.depth_path} is missing, damaged or no 16-bit depth image: record again.")
         expected = (self.intrinsics.height_px, self.intrinsics.width_px)
@@ -86,8 +94,17 @@ class Recording:
                     " use the calibration and the images of one camera."
                 )
         return Frame(
-            entry.stamp_s, np.ascontiguousarray(colour[:, :, ::-1]), depth_from_units(depth, self.depth_factor)
+            entry.stamp_s,
+            np.ascontiguousarray(colour[:, :, ::-1]),
+            depth_from_units(depth, self.depth_factor),
+            self._read_fisheye(entry),
         )
+
+    def _read_fisheye(self, entry: RecordedFrame) -> FisheyeImage | None:
+        if self.fisheye is None:
+            return None
+        picture = self.fisheye.nearest(entry.stamp_s)
+        return None if picture is None else self.fisheye.read(picture)
 
 
 def depth_from_units(units: np.ndarray, depth_factor: float) -> DepthImage:
@@ -122,7 +139,7 @@ def open_recording(folder: Path) -> Recording:
         tuple(calibration[name] for name in _DISTORTION_NAMES) if "k1" in calibration else (),
     )
     _refuse_foreign_calibration(folder / "calib.txt", intrinsics)
-    return Recording(folder, intrinsics, calibration["depth_factor"], entries)
+    return Recording(folder, intrinsics, calibration["depth_factor"], entries, open_fisheye(folder))
 
 
 def _refuse_foreign_calibration(path: Path, camera: CameraIntrinsics) -> None:
@@ -151,38 +168,15 @@ def _is_near_middle(axis_px: float, size_px: int) -> bool:
 
 
 def _read_colour(path: Path) -> NDArray[np.uint8]:
-    colour = _read_image(path, cv2.IMREAD_COLOR)
+    colour = read_image(path, cv2.IMREAD_COLOR)
     if colour is None:
         raise RecordingError(f"{path} is missing or damaged: record again, or remove its line from associations.txt.")
     return colour.astype(np.uint8, copy=False)
 
 
-def _read_image(path: Path, how: int) -> NDArray[Any] | None:
-    """Return the image, or None where there is none or a part is missing (a decoder would fill it with grey)."""
-    try:
-        data = path.read_bytes()
-        is_whole = any(data.startswith(head) and tail in data[-64:] for head, tail in _IMAGE_ENDS)
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if is_whole else None
-    except (OSError, cv2.error):
-        return None
-
-
 def read_calibration(path: Path) -> dict[str, float]:
     """Read ``calib.txt``: lines of ``name value``. Raises RecordingError."""
-    values: dict[str, float] = {}
-    try:
-        lines = path.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise RecordingError(
-            f"{path} cannot be read: a recording needs a calibration with fx fy cx cy and depth_factor."
-        ) from error
-    for number, line in enumerate(lines, 1):
-        words = line.split("#", 1)[0].replace("=", " ").replace(":", " ").split()
-        if not words:
-            continue
-        if len(words) != 2 or not _is_number(words[1]):
-            raise RecordingError(f"{path}, line {number}: expected a name and a number, found {line.strip()!r}.")
-        values[words[0]] = float(words[1])
+    values = read_values(path, "a recording needs a calibration with fx fy cx cy and depth_factor")
     for name in ("fx", "fy", "cx", "cy"):
         if name not in values:
             raise RecordingError(f"{path} has no {name}: write a line with the name and its value in pixels.")
@@ -213,7 +207,7 @@ def read_trajectory(path: Path) -> tuple[FloatArray, list[Transform]]:
         words = line.split("#", 1)[0].split()
         if not words:
             continue
-        if len(words) != 8 or not all(_is_number(word) for word in words):
+        if len(words) != 8 or not all(is_number(word) for word in words):
             raise RecordingError(f"{path}, line {number}: expected 't tx ty tz qx qy qz qw', found {line.strip()!r}.")
         numbers = [float(word) for word in words]
         try:
@@ -237,7 +231,7 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
         words = line.split("#", 1)[0].split(maxsplit=2)
         if not words:
             continue
-        if len(words) != 3 or not _is_number(words[0]) or len(words[2].strip()) > MAX_NAME_LENGTH:
+        if len(words) != 3 or not is_number(words[0]) or len(words[2].strip()) > MAX_NAME_LENGTH:
             raise RecordingError(f"{path}, line {number}: expected 't kind name', found {line.strip()!r}.")
         if words[1] not in POI_KINDS:
             kinds = ", ".join(POI_KINDS)
@@ -260,8 +254,15 @@ def write_trajectory(path: Path, stamped_poses: Iterable[tuple[float, Transform]
 class RecordingWriter:
     """Writes frames as a recording; ``close`` writes the tables, so an interrupted recording is seen as such."""
 
-    def __init__(self, folder: Path, intrinsics: CameraIntrinsics, depth_factor: float = 1000.0) -> None:
+    def __init__(
+        self,
+        folder: Path,
+        intrinsics: CameraIntrinsics,
+        depth_factor: float = 1000.0,
+        fisheye: FisheyeCamera | None = None,
+    ) -> None:
         self._folder = folder
+        self._fisheye = None if fisheye is None else FisheyeWriter(folder, fisheye)
         self._intrinsics = intrinsics
         self._depth_factor = depth_factor
         self._lines: list[str] = []
@@ -282,6 +283,8 @@ class RecordingWriter:
             [cv2.IMWRITE_PNG_COMPRESSION, 1],
         )
         self._lines.append(f"{name} rgb/{name}.jpg {name} depth/{name}.png\n")
+        if self._fisheye is not None and frame.fisheye is not None:
+            self._fisheye.add(frame.fisheye)
         if world_from_camera is not None:
             self._truth.append((frame.stamp_s, world_from_camera))
 
@@ -297,6 +300,8 @@ class RecordingWriter:
         lines.append(f"depth_factor {self._depth_factor!r}")
         (self._folder / "calib.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
         (self._folder / "associations.txt").write_text("".join(self._lines), encoding="utf-8")
+        if self._fisheye is not None:
+            self._fisheye.close()
         if self._marks:
             marks = "".join(f"{mark.stamp_s:.6f} {mark.kind} {mark.name}\n" for mark in self._marks)
             (self._folder / "marks.txt").write_text(marks, encoding="utf-8")
@@ -315,7 +320,7 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
         words = line.split("#", 1)[0].split()
         if not words:
             continue
-        if len(words) != 4 or "\0" in line or not (_is_number(words[0]) and _is_number(words[2])):
+        if len(words) != 4 or "\0" in line or not (is_number(words[0]) and is_number(words[2])):
             raise RecordingError(f"{path}, line {number}: expected 't_rgb rgb t_depth depth', found {line.strip()!r}.")
         colour, depth = folder / words[1], folder / words[3]
         for file in (colour, depth):
@@ -327,10 +332,3 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
     if any(later.stamp_s <= earlier.stamp_s for earlier, later in itertools.pairwise(entries)):
         raise RecordingError(f"{path}: the times must grow from line to line; sort it by the first column.")
     return tuple(entries)
-
-
-def _is_number(word: str) -> bool:
-    try:
-        return math.isfinite(float(word))
-    except ValueError:
-        return False

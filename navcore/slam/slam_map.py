@@ -1,12 +1,13 @@
 """The finished map: frozen, compact, stored as plain arrays, and ready to be localized in.
 
+It is made of one or more recordings, its *sessions*; each key frame and each pose of the trajectory knows its own.
 Only what lives is kept: key frames and landmarks are numbered anew. Transforms are ``camera_from_world`` as everywhere
 in this package; the world is the site's levelled frame once :meth:`SlamMap.transformed` has been applied.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.compiled import kernel
-from navcore.errors import SiteError
 from navcore.geometry import FloatArray
-from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT, NO_LANDMARK, ByteArray, IntArray, SlamCamera
+from navcore.slam.keyframes import NO_LANDMARK, ByteArray, IntArray, SlamCamera
 from navcore.slam.map import MapBuilder
+from navcore.slam.map_arrays import SHAPES, checked_arrays, damaged
 from navcore.slam.place_recognition import PlaceIndex
 
 BoolArray = NDArray[np.bool_]
@@ -32,7 +33,9 @@ class SlamMap:
 
     camera: SlamCamera
     keyframe_stamp_s: FloatArray
-    """(K,)."""
+    """(K,): ascending within each session."""
+    keyframe_session: IntArray
+    """(K,): the recording that each key frame comes from, ascending; stamps are only comparable within one."""
     camera_from_world: FloatArray
     """(K, 4, 4): poses of the key frames."""
     parent: IntArray
@@ -60,7 +63,9 @@ class SlamMap:
     descriptors: ByteArray
     """(N, 32)."""
     trajectory_stamp_s: FloatArray
-    """(T,): every tracked frame of the recording."""
+    """(T,): every tracked frame of the recordings."""
+    trajectory_session: IntArray
+    """(T,): the recording of each, ascending."""
     trajectory: FloatArray
     """(T, 4, 4): world_from_camera."""
     places: PlaceIndex
@@ -78,6 +83,11 @@ class SlamMap:
     def keyframe_count(self) -> int:
         """K."""
         return len(self.keyframe_stamp_s)
+
+    @property
+    def session_count(self) -> int:
+        """How many recordings the map is made of."""
+        return int(self.keyframe_session[-1]) + 1
 
     def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
         """Return the key frames that see any of the landmarks, best first, and how many of them each sees."""
@@ -107,7 +117,7 @@ class SlamMap:
     def to_arrays(self) -> dict[str, NDArray[Any]]:
         """Return everything as plain arrays by name, to be stored."""
         camera = self.camera
-        arrays: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in _SHAPES if name != "camera"}
+        arrays: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in SHAPES if name != "camera"}
         arrays["camera"] = np.array(
             [
                 camera.width_px,
@@ -125,16 +135,13 @@ class SlamMap:
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> SlamMap:
         """Read back what :meth:`to_arrays` gave. Raises SiteError where something is missing or does not fit."""
-        checked = _checked(arrays)
+        checked = checked_arrays(arrays)
         try:
             places = PlaceIndex.from_arrays(
                 {name.removeprefix(_PLACE_PREFIX): a for name, a in arrays.items() if name.startswith(_PLACE_PREFIX)}
             )
         except (KeyError, ValueError, IndexError, TypeError) as error:
-            raise _damaged("its index of places is incomplete") from error
-        ids = arrays[f"{_PLACE_PREFIX}image_ids"]
-        if len(ids) and (ids.min() < 0 or ids.max() >= len(checked["keyframe_stamp_s"])):
-            raise _damaged("its index of places points at nothing")
+            raise damaged("its index of places is incomplete") from error
         values = checked.pop("camera")
         camera = SlamCamera(int(values[0]), int(values[1]), *(float(value) for value in values[2:]))
         return _assembled(camera, places, checked)
@@ -143,7 +150,7 @@ class SlamMap:
 def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray[Any]]) -> SlamMap:
     start, landmark = arrays["feature_start"], arrays["feature_landmark"]
     landmark_of = _padded(start, landmark)
-    observer_start, observer = _observers(landmark_of, len(arrays["positions"]))
+    observer_start, observer = _observers(start, landmark, len(arrays["positions"]))
     return SlamMap(
         camera=camera,
         places=places,
@@ -155,11 +162,19 @@ def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray
     )
 
 
-def freeze(builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float, FloatArray]]) -> SlamMap:
-    """Return the finished map of a builder, with the place index over it and the trajectory of the recording.
+def freeze(
+    builder: MapBuilder,
+    places: PlaceIndex,
+    trajectory: Sequence[tuple[float, FloatArray]],
+    trajectory_session: IntArray | None = None,
+) -> SlamMap:
+    """Return the finished map of a builder, with the place index over it and the trajectory of the recordings.
 
-    ``places`` names key frames as the builder does; ``trajectory`` holds stamps and world_from_camera (4, 4).
+    ``places`` gives the vocabulary; ``trajectory`` holds stamps and world_from_camera (4, 4), of the builder's present
+    session unless ``trajectory_session`` (T,) says otherwise.
     """
+    given = np.full(len(trajectory), builder.session) if trajectory_session is None else trajectory_session
+    sessions = given.astype(np.int32)
     alive = np.flatnonzero(builder.keyframe_alive)
     counts = builder.observation_counts()
     living = np.flatnonzero(builder.landmark_alive & (counts > 0))
@@ -171,6 +186,7 @@ def freeze(builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float
     lengths = [len(f) for f in features]
     arrays: dict[str, NDArray[Any]] = {
         "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
+        "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
         "camera_from_world": builder.camera_from_world[alive],
         "parent": new_keyframe[builder.parent[alive]],
         "loop_edges": _renumbered([(i, j) for i, j, _ in builder.loop_edges], new_keyframe),
@@ -187,6 +203,7 @@ def freeze(builder: MapBuilder, places: PlaceIndex, trajectory: list[tuple[float
         "reach": builder.reach[living],
         "descriptors": builder.descriptors[living],
         "trajectory_stamp_s": np.array([stamp for stamp, _ in trajectory], dtype=np.float64),
+        "trajectory_session": sessions,
         "trajectory": np.array([pose for _, pose in trajectory], dtype=np.float64).reshape(-1, 4, 4),
     }
     index = PlaceIndex(places.vocabulary)
@@ -200,69 +217,6 @@ def _renumbered(edges: list[tuple[int, int]], new_keyframe: IntArray) -> IntArra
     return np.array(kept, dtype=np.int32).reshape(-1, 2)
 
 
-# -------------------------------------------------------------------------------------------------- validation
-_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
-    "camera": (np.float64, (7,)),
-    "keyframe_stamp_s": (np.float64, ("K",)),
-    "camera_from_world": (np.float64, ("K", 4, 4)),
-    "parent": (np.int32, ("K",)),
-    "loop_edges": (np.int32, ("L", 2)),
-    "feature_start": (np.int64, ("K+1",)),
-    "feature_uvr_px": (np.float32, ("M", 3)),
-    "feature_octave": (np.uint8, ("M",)),
-    "feature_angle_rad": (np.float32, ("M",)),
-    "feature_descriptor": (np.uint8, ("M", DESCRIPTOR_BYTES)),
-    "feature_landmark": (np.int32, ("M",)),
-    "positions": (np.float64, ("N", 3)),
-    "normals": (np.float64, ("N", 3)),
-    "reach": (np.float64, ("N",)),
-    "descriptors": (np.uint8, ("N", DESCRIPTOR_BYTES)),
-    "trajectory_stamp_s": (np.float64, ("T",)),
-    "trajectory": (np.float64, ("T", 4, 4)),
-}
-"""Type and shape of every stored array; letters stand for lengths that must agree."""
-_FINITE = ("camera", "camera_from_world", "positions", "normals", "reach", "trajectory")
-
-
-def _damaged(what: str) -> SiteError:
-    return SiteError(f"The map is damaged, {what}: build it again, or restore the site from a copy.")
-
-
-def _checked(arrays: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
-    lengths: dict[str, int] = {}
-    checked: dict[str, NDArray[Any]] = {}
-    for name, (dtype, shape) in _SHAPES.items():
-        if name not in arrays:
-            raise _damaged(f"{name} is missing")
-        array = arrays[name]
-        if array.dtype != dtype or array.ndim != len(shape):
-            raise _damaged(f"{name} has the wrong type or shape")
-        for size, expected in zip(array.shape, shape, strict=True):
-            if isinstance(expected, str) and expected != "K+1":
-                expected = lengths.setdefault(expected, size)
-            elif expected == "K+1":
-                expected = lengths["K"] + 1
-            if size != expected:
-                raise _damaged(f"{name} has the wrong length")
-        if name in _FINITE and not np.isfinite(array).all():
-            raise _damaged(f"{name} holds something that is no number")
-        checked[name] = np.ascontiguousarray(array)
-    _check_indices(checked, lengths)
-    return checked
-
-
-def _check_indices(arrays: dict[str, NDArray[Any]], lengths: dict[str, int]) -> None:
-    start = arrays["feature_start"]
-    if start[0] != 0 or start[-1] != lengths["M"] or np.any(np.diff(start) < 0):
-        raise _damaged("feature_start does not divide the features")
-    for name, count in (("feature_landmark", "N"), ("parent", "K"), ("loop_edges", "K")):
-        values = arrays[name]
-        if len(values) and (values.min() < -1 or values.max() >= lengths[count]):
-            raise _damaged(f"{name} points at nothing")
-    if len(arrays["feature_octave"]) and arrays["feature_octave"].max() >= LEVEL_COUNT:
-        raise _damaged("feature_octave names a level that does not exist")
-
-
 def _padded(start: Int64Array, landmark: IntArray) -> IntArray:
     lengths = np.diff(start)
     padded = np.full((len(lengths), int(lengths.max(initial=1))), NO_LANDMARK, np.int32)
@@ -271,27 +225,16 @@ def _padded(start: Int64Array, landmark: IntArray) -> IntArray:
     return padded
 
 
+def _observers(start: Int64Array, landmark: IntArray, landmark_count: int) -> tuple[Int64Array, IntArray]:
+    # Without a kernel: the first one of a process costs longer than reading the whole map.
+    keyframe = np.repeat(np.arange(len(start) - 1, dtype=np.int32), np.diff(start))
+    seen = landmark >= 0
+    counts = np.bincount(landmark[seen], minlength=landmark_count)
+    observer = keyframe[seen][np.argsort(landmark[seen], kind="stable")]
+    return np.concatenate([[0], np.cumsum(counts)]).astype(np.int64), observer
+
+
 # --------------------------------------------------------------------------------------------------- kernels
-@kernel
-def _observers(landmark_of: IntArray, landmark_count: int) -> tuple[Int64Array, IntArray]:
-    start = np.zeros(landmark_count + 1, np.int64)
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            if landmark_of[k, f] >= 0:
-                start[landmark_of[k, f] + 1] += 1
-    for n in range(landmark_count):
-        start[n + 1] += start[n]
-    filled = start[:-1].copy()
-    observer = np.empty(start[-1], np.int32)
-    for k in range(landmark_of.shape[0]):
-        for f in range(landmark_of.shape[1]):
-            landmark = landmark_of[k, f]
-            if landmark >= 0:
-                observer[filled[landmark]] = k
-                filled[landmark] += 1
-    return start, observer
-
-
 @kernel
 def _seen_by_each(start: Int64Array, observer: IntArray, landmarks: IntArray, keyframe_count: int) -> IntArray:
     counts = np.zeros(keyframe_count, np.int32)

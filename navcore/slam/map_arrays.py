@@ -1,0 +1,171 @@
+"""The arrays in which a map is stored, and what must hold of them before anything is computed with them.
+
+Whoever changes a stored map by hand, or stores one that is damaged in memory, is told so when it is read: every index
+points at something, every number that must be one is one, and no table grows beyond what a device can hold.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.errors import SiteError
+from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT
+
+Arrays = Mapping[str, NDArray[Any]]
+
+MAX_FEATURES = 20_000
+"""Features of one key frame, at most."""
+MAX_TABLE_ENTRIES = 1 << 28
+"""Entries of the table of key frames by features, at most: 1 GiB."""
+MAX_COORDINATE_M = 100_000.0
+MAX_PIXEL = 100_000.0
+MAX_SESSIONS = 64
+"""Recordings that make one map, at most: each is a bit of a cloud point's mask."""
+_ORTHONORMAL = 1e-4
+
+SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
+    "camera": (np.float64, (7,)),
+    "keyframe_stamp_s": (np.float64, ("K",)),
+    "keyframe_session": (np.int32, ("K",)),
+    "camera_from_world": (np.float64, ("K", 4, 4)),
+    "parent": (np.int32, ("K",)),
+    "loop_edges": (np.int32, ("L", 2)),
+    "feature_start": (np.int64, ("K+1",)),
+    "feature_uvr_px": (np.float32, ("M", 3)),
+    "feature_octave": (np.uint8, ("M",)),
+    "feature_angle_rad": (np.float32, ("M",)),
+    "feature_descriptor": (np.uint8, ("M", DESCRIPTOR_BYTES)),
+    "feature_landmark": (np.int32, ("M",)),
+    "positions": (np.float64, ("N", 3)),
+    "normals": (np.float64, ("N", 3)),
+    "reach": (np.float64, ("N",)),
+    "descriptors": (np.uint8, ("N", DESCRIPTOR_BYTES)),
+    "trajectory_stamp_s": (np.float64, ("T",)),
+    "trajectory_session": (np.int32, ("T",)),
+    "trajectory": (np.float64, ("T", 4, 4)),
+}
+"""Type and shape of every stored array; letters stand for lengths that must agree."""
+PLACE_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
+    "place_vocabulary": (np.uint8, ("V", DESCRIPTOR_BYTES)),
+    "place_image_ids": (np.int32, ("P",)),
+    "place_image_end": (np.int64, ("P+1",)),
+    "place_image_words": (np.int32, ("W",)),
+    "place_image_word_counts": (np.int32, ("W",)),
+}
+"""The same of the index of places; what its words mean is checked where it is read."""
+_SINCE_SECOND_SCHEMA = {"keyframe_session": "keyframe_stamp_s", "trajectory_session": "trajectory_stamp_s"}
+_FINITE = (
+    "camera", "keyframe_stamp_s", "camera_from_world", "feature_angle_rad", "positions", "normals", "reach",
+    "trajectory_stamp_s", "trajectory",
+)  # fmt: skip
+
+
+def damaged(what: str) -> SiteError:
+    """Return the error that says what is wrong with a stored map."""
+    return SiteError(f"The map is damaged, {what}: build it again, or restore the site from a copy.")
+
+
+def checked_arrays(arrays: Arrays) -> dict[str, NDArray[Any]]:
+    """Return the arrays of :data:`SHAPES`, C-contiguous. Raises SiteError with the first thing that is wrong."""
+    arrays = _with_one_session(arrays)
+    lengths: dict[str, int] = {}
+    checked = {name: _fitting(arrays, name, *form, lengths) for name, form in SHAPES.items()}
+    for name, form in PLACE_SHAPES.items():
+        _fitting(arrays, name, *form, lengths)
+    for name in _FINITE:
+        if not np.isfinite(checked[name]).all():
+            raise damaged(f"{name} holds something that is no number")
+    _check_features(checked, lengths)
+    _check_indices(checked, arrays, lengths)
+    _check_geometry(checked)
+    return checked
+
+
+def _with_one_session(arrays: Arrays) -> Arrays:
+    """Maps of the first schema were made of one recording and do not say so."""
+    missing = {
+        name: np.zeros(len(arrays[like]), np.int32)
+        for name, like in _SINCE_SECOND_SCHEMA.items()
+        if name not in arrays and like in arrays and arrays[like].ndim
+    }
+    return {**arrays, **missing}
+
+
+def _fitting(
+    arrays: Arrays, name: str, dtype: type, shape: tuple[int | str, ...], lengths: dict[str, int]
+) -> NDArray[Any]:
+    if name not in arrays:
+        raise damaged(f"{name} is missing")
+    array = arrays[name]
+    if array.dtype != dtype or array.ndim != len(shape):
+        raise damaged(f"{name} has the wrong type or shape")
+    for size, expected in zip(array.shape, shape, strict=True):
+        if isinstance(expected, str) and expected.endswith("+1"):
+            fits = size == lengths[expected[:-2]] + 1
+        elif isinstance(expected, str):
+            fits = size == lengths.setdefault(expected, size)
+        else:
+            fits = size == expected
+        if not fits:
+            raise damaged(f"{name} has the wrong length")
+    return np.ascontiguousarray(array)
+
+
+def _check_features(arrays: dict[str, NDArray[Any]], lengths: dict[str, int]) -> None:
+    start = arrays["feature_start"]
+    if lengths["K"] == 0:
+        raise damaged("it has no key frames")
+    if start[0] != 0 or start[-1] != lengths["M"] or np.any(np.diff(start) < 0):
+        raise damaged("feature_start does not divide the features")
+    most = int(np.diff(start).max())
+    if most > MAX_FEATURES or most * lengths["K"] > MAX_TABLE_ENTRIES:
+        raise damaged("a key frame has more features than any camera gives")
+    uvr = arrays["feature_uvr_px"]
+    if not (np.abs(uvr[:, :2]) <= MAX_PIXEL).all() or np.isinf(uvr[:, 2]).any():
+        raise damaged("feature_uvr_px lies outside every image")
+    if len(arrays["feature_octave"]) and arrays["feature_octave"].max() >= LEVEL_COUNT:
+        raise damaged("feature_octave names a level that does not exist")
+
+
+def _check_indices(arrays: dict[str, NDArray[Any]], stored: Arrays, lengths: dict[str, int]) -> None:
+    bounds = {"feature_landmark": (-1, lengths["N"]), "parent": (-1, lengths["K"]), "loop_edges": (0, lengths["K"])}
+    for name in _SINCE_SECOND_SCHEMA:
+        bounds[name] = (0, MAX_SESSIONS)
+    for name, (least, end) in bounds.items():
+        values = arrays[name]
+        if values.size and (values.min() < least or values.max() >= end):
+            raise damaged(f"{name} points at nothing")
+    ids = stored["place_image_ids"]
+    if len(ids) and (ids.min() < 0 or ids.max() >= lengths["K"]):
+        raise damaged("its index of places points at nothing")
+
+
+def _check_geometry(arrays: dict[str, NDArray[Any]]) -> None:
+    width_px, height_px, fx_px, fy_px, _, _, bf_px_m = arrays["camera"]
+    if not (8 <= width_px <= 20_000 and 8 <= height_px <= 20_000 and min(fx_px, fy_px, bf_px_m) > 0):
+        raise damaged("its camera cannot exist")
+    for name in ("camera_from_world", "trajectory"):
+        if not _are_rigid(arrays[name]):
+            raise damaged(f"{name} holds something that is no pose")
+    for values, name in ((arrays["positions"], "positions"), (arrays["reach"], "reach")):
+        if not (np.abs(values) <= MAX_COORDINATE_M).all():
+            raise damaged(f"{name} holds a place farther than 100 km away")
+    for name in ("keyframe", "trajectory"):
+        session, stamps = arrays[f"{name}_session"], arrays[f"{name}_stamp_s"]
+        if np.any((np.diff(stamps) <= 0) & (np.diff(session) == 0)) or np.any(np.diff(session) < 0):
+            raise damaged(f"{name}_stamp_s does not grow within a recording")
+
+
+def _are_rigid(poses: NDArray[np.float64]) -> bool:
+    rotation = poses[:, :3, :3]
+    square = rotation @ np.swapaxes(rotation, 1, 2)
+    return bool(
+        (np.abs(square - np.eye(3)) < _ORTHONORMAL).all()
+        and (np.linalg.det(rotation) > 0).all()
+        and (np.abs(poses[:, 3] - (0.0, 0.0, 0.0, 1.0)) < 1e-9).all()
+        and (np.abs(poses[:, :3, 3]) <= MAX_COORDINATE_M).all()
+    )

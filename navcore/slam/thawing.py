@@ -1,0 +1,73 @@
+"""A finished map becomes a growing one again, so that another recording can be added to it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from navcore.geometry import FloatArray
+from navcore.slam.features import GRID_PX, sort_into_cells
+from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
+from navcore.slam.map import MapBuilder
+from navcore.slam.slam_map import SlamMap
+
+
+def thaw(slam_map: SlamMap, features_per_frame: int = 0) -> MapBuilder:
+    """Return a builder that holds a finished map, key frames and landmarks under the same numbers.
+
+    Key frames may have up to ``features_per_frame`` features, and as many as those of the map have. What was only
+    needed while the map was young (how often a landmark was found) is not stored, and begins anew; the builder is ready
+    for key frames of the next session. A closed loop's measurement is what the map says now.
+    """
+    most = int(np.diff(slam_map.feature_start).max())
+    builder = MapBuilder(slam_map.camera, max(features_per_frame, most))
+    graft(builder, slam_map, np.eye(4), 0)
+    builder.session = slam_map.session_count
+    return builder
+
+
+def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray, first_session: int) -> IntArray:
+    """Add a finished map to a builder, moved by ``world_from_map`` (4, 4); return its key frames' new numbers (K,).
+
+    Its first session becomes ``first_session``. Nothing joins it with what the builder held before.
+    """
+    moved = slam_map.transformed(world_from_map)
+    landmarks = builder.adopt_landmarks(moved.positions, moved.normals, moved.reach, moved.descriptors)
+    first = int(landmarks[0]) if len(landmarks) else 0
+    added = []
+    for k in range(moved.keyframe_count):
+        features, landmark = _features_of(moved, k, builder.camera)
+        builder.session = first_session + int(moved.keyframe_session[k])
+        shown = np.where(landmark >= 0, landmark + first, NO_LANDMARK).astype(np.int32)
+        added.append(
+            builder.add_keyframe(float(moved.keyframe_stamp_s[k]), features, moved.camera_from_world[k], shown)
+        )
+    index = np.array(added, dtype=np.int32)
+    builder.parent[index] = np.where(moved.parent >= 0, index[moved.parent], NO_LANDMARK)
+    poses = builder.camera_from_world
+    for i, j in index[moved.loop_edges].tolist():
+        builder.loop_edges.append((i, j, poses[i] @ np.linalg.inv(poses[j])))
+    return index
+
+
+def _features_of(slam_map: SlamMap, keyframe: int, camera: SlamCamera) -> tuple[Features, IntArray]:
+    """Return the features of a key frame as another ideal pinhole would have them, and what they show (n,)."""
+    held = slice(int(slam_map.feature_start[keyframe]), int(slam_map.feature_start[keyframe + 1]))
+    own = slam_map.camera
+    stored = slam_map.feature_uvr_px[held].astype(np.float64)
+    depth = own.bf_px_m / (stored[:, 0] - stored[:, 2])
+    uvr = np.empty_like(stored)
+    uvr[:, 0] = (stored[:, 0] - own.cx_px) * (camera.fx_px / own.fx_px) + camera.cx_px
+    uvr[:, 1] = (stored[:, 1] - own.cy_px) * (camera.fy_px / own.fy_px) + camera.cy_px
+    uvr[:, 2] = uvr[:, 0] - camera.bf_px_m / depth
+    columns, rows = -(-camera.width_px // GRID_PX), -(-camera.height_px // GRID_PX)
+    order, cell_start = sort_into_cells(uvr, columns, rows)
+    features = Features(
+        np.ascontiguousarray(uvr[order]),
+        np.ascontiguousarray(depth[order]),
+        slam_map.feature_octave[held].astype(np.int32)[order],
+        slam_map.feature_angle_rad[held].astype(np.float64)[order],
+        np.ascontiguousarray(slam_map.feature_descriptor[held][order]),
+        cell_start,
+        columns,
+    )
+    return features, np.ascontiguousarray(slam_map.feature_landmark[held][order])

@@ -109,7 +109,8 @@ def _left_jacobian_so3(phi: FloatArray) -> FloatArray:
 
 
 @kernel
-def _left_jacobian_inverse_so3(phi: FloatArray) -> FloatArray:
+def left_jacobian_inverse_so3(phi: FloatArray) -> FloatArray:
+    """Return the matrix (3, 3) with log(exp(δ) exp(φ)) ≈ φ + J⁻¹ δ for a rotation vector φ (3,)."""
     angle2 = phi[0] * phi[0] + phi[1] * phi[1] + phi[2] * phi[2]
     if angle2 < 1e-8:
         b = 1.0 / 12.0 + angle2 / 720.0
@@ -138,7 +139,7 @@ def exp_se3(xi: FloatArray) -> FloatArray:
 def log_se3(pose: FloatArray) -> FloatArray:
     """Return the twist (6,) ordered (translation, rotation) of a pose (4, 4)."""
     phi = log_so3(pose)
-    jacobian = _left_jacobian_inverse_so3(phi)
+    jacobian = left_jacobian_inverse_so3(phi)
     xi = np.zeros(6)
     for i in range(3):
         xi[3 + i] = phi[i]

@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
-from navcore.slam.pose_kernels import MIN_DEPTH_M, MIN_OBSERVATIONS, best_of_triples, refine
+from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_kernels import MIN_DEPTH_M, MIN_OBSERVATIONS, refine
+from navcore.slam.triple_kernels import best_of_triples
 
 BoolArray = NDArray[np.bool_]
 
@@ -26,31 +28,32 @@ def refine_pose(
     cx_px: float,
     cy_px: float,
     bf: float,
+    factor: PoseFactor | None = None,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Refine a camera's pose on landmarks that stay where they are (ORB-SLAM2, motion-only bundle adjustment).
 
     Takes the first guess (4, 4), landmarks (n, 3) in metres, observations (n, 3) in pixels, the inverse variance of
     each (n,) in 1/px², and the camera (``bf``: baseline × fx, px·m). Four rounds of a Huber-robust optimization, each
-    followed by a new decision which observations are inliers (χ² 5.991, with depth 7.815).
+    followed by a new decision which observations are inliers (χ² 5.991, with depth 7.815). A ``factor``, what is known
+    of the pose from elsewhere, weighs in by its information; observations may then be few, or none.
 
     Returns the pose (4, 4), the inliers (n,), and the information (6, 6), the inverse covariance of a left-multiplied
-    twist (translation, rotation) in the camera's frame; with fewer than three observations the guess comes back,
-    without inliers and with zero information.
+    twist (translation, rotation) in the camera's frame, the factor's included; with fewer than three observations and
+    no factor the guess comes back, without inliers and with zero information.
     """
     pose = np.array(camera_from_world, dtype=np.float64, order="C")
     count = points_world.shape[0]
-    if count < MIN_OBSERVATIONS:
+    if count < MIN_OBSERVATIONS and factor is None:
         return pose, np.zeros(count, dtype=np.bool_), np.zeros((6, 6))
+    known = factor or PoseFactor.nothing()
     return refine(
         pose,
         np.ascontiguousarray(points_world, dtype=np.float64),
         np.ascontiguousarray(observations, dtype=np.float64),
         np.ascontiguousarray(inv_sigma2, dtype=np.float64),
-        float(fx_px),
-        float(fy_px),
-        float(cx_px),
-        float(cy_px),
-        float(bf),
+        (float(fx_px), float(fy_px), float(cx_px), float(cy_px), float(bf)),
+        np.ascontiguousarray(known.camera_from_world, dtype=np.float64),
+        np.ascontiguousarray(known.information, dtype=np.float64),
     )
 
 

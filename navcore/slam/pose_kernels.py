@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.lie import update_pose
+from navcore.slam.pose_factor import add_factor, factor_cost
+from navcore.slam.triple_kernels import fill_third_axis
 
 BoolArray = NDArray[np.bool_]
+Camera = tuple[float, float, float, float, float]
+"""fx, fy, cx, cy in pixels, and bf, baseline × fx, in px·m."""
+Point = tuple[float, float, float]
 
 CHI2_MONO = 5.991
 """95 % of the χ² distribution with two degrees of freedom: a landmark seen without depth."""
@@ -25,97 +30,24 @@ _STEP_DONE = 1e-6
 
 
 @kernel
-def _frame_of_triple(p: FloatArray, q: FloatArray, r: FloatArray, frame: FloatArray) -> bool:
-    """Write three orthonormal axes (rows) fixed to three points; False where they lie on a line."""
-    length2 = 0.0
-    along = 0.0
-    for k in range(3):
-        frame[0, k] = q[k] - p[k]
-        frame[1, k] = r[k] - p[k]
-        length2 += frame[0, k] * frame[0, k]
-        along += frame[0, k] * frame[1, k]
-    if length2 < 1e-12:
-        return False
-    height2 = 0.0
-    for k in range(3):
-        frame[1, k] -= along / length2 * frame[0, k]
-        height2 += frame[1, k] * frame[1, k]
-    if height2 < 1e-6 * length2:
-        return False
-    for k in range(3):
-        frame[0, k] /= math.sqrt(length2)
-        frame[1, k] /= math.sqrt(height2)
-    _fill_third_axis(frame)
-    return True
+def _triple(rows: FloatArray, i: int) -> Point:
+    return rows[i, 0], rows[i, 1], rows[i, 2]
 
 
 @kernel
-def _fill_third_axis(frame: FloatArray) -> None:
-    """Write the third row as the cross product of the first two."""
-    for k in range(3):
-        i, j = (k + 1) % 3, (k + 2) % 3
-        frame[2, k] = frame[0, i] * frame[1, j] - frame[0, j] * frame[1, i]
-
-
-@kernel
-def best_of_triples(a: FloatArray, b: FloatArray, limit2: FloatArray, triples: NDArray[np.int64]) -> BoolArray:
-    """Return which pairs agree (n,) with the motion, given by three of them, with which most agree."""
-    best_count = 0
-    best = np.zeros((3, 4))
-    trial = np.zeros((3, 4))
-    frame_a = np.empty((3, 3))
-    frame_b = np.empty((3, 3))
-    for t in range(len(triples)):
-        i, j, k = triples[t, 0], triples[t, 1], triples[t, 2]
-        if not (_frame_of_triple(a[i], a[j], a[k], frame_a) and _frame_of_triple(b[i], b[j], b[k], frame_b)):
-            continue
-        for r in range(3):
-            trial[r, 3] = (a[i, r] + a[j, r] + a[k, r]) / 3.0
-            for c in range(3):
-                trial[r, c] = (
-                    frame_a[0, r] * frame_b[0, c] + frame_a[1, r] * frame_b[1, c] + frame_a[2, r] * frame_b[2, c]
-                )
-                trial[r, 3] -= trial[r, c] * (b[i, c] + b[j, c] + b[k, c]) / 3.0
-        count = 0
-        for n in range(len(a)):
-            if _pair_error(a[n], b[n], trial) <= limit2[n]:
-                count += 1
-        if count > best_count:
-            best_count = count
-            for r in range(3):
-                for c in range(4):
-                    best[r, c] = trial[r, c]
-    inliers = np.zeros(len(a), dtype=np.bool_)
-    for n in range(len(a)):
-        inliers[n] = best_count > 0 and _pair_error(a[n], b[n], best) <= limit2[n]
-    return inliers
-
-
-@kernel
-def _pair_error(a: FloatArray, b: FloatArray, transform: FloatArray) -> float:
-    total = 0.0
-    for r in range(3):
-        e = transform[r, 0] * b[0] + transform[r, 1] * b[1] + transform[r, 2] * b[2] + transform[r, 3] - a[r]
-        total += e * e
-    return total
-
-
-@kernel
-def _chi2(
-    pose: FloatArray, x: FloatArray, o: FloatArray, w: float, fx: float, fy: float, cx: float, cy: float, bf: float
-) -> float:
+def _chi2(pose: FloatArray, x: Point, o: Point, w: float, camera: Camera) -> float:
     """Weighted squared error of one observation; infinite behind the camera."""
     pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
     if pz < MIN_DEPTH_M:
         return np.inf
     px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
     py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
-    u = fx * px / pz + cx
+    u = camera[0] * px / pz + camera[2]
     e0 = u - o[0]
-    e1 = fy * py / pz + cy - o[1]
+    e1 = camera[1] * py / pz + camera[3] - o[1]
     total = e0 * e0 + e1 * e1
     if not math.isnan(o[2]):
-        e2 = u - bf / pz - o[2]
+        e2 = u - camera[4] / pz - o[2]
         total += e2 * e2
     return float(total * w)
 
@@ -128,18 +60,17 @@ def _robust_cost(
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    bf: float,
+    camera: Camera,
+    mean: FloatArray,
+    information: FloatArray,
 ) -> float:
-    total = 0.0
+    """Return the cost of the used observations and of the factor."""
+    total = factor_cost(pose, mean, information)
     for i in range(points.shape[0]):
         if not used[i]:
             continue
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-        chi2 = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf)
+        chi2 = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera)
         if math.isinf(chi2):
             chi2 = 1e6
         if robust and chi2 > limit:
@@ -149,11 +80,49 @@ def _robust_cost(
 
 
 @kernel
-def _clear(h: FloatArray, g: FloatArray) -> None:
-    for k in range(6):
-        g[k] = 0.0
-        for m in range(6):
-            h[k, m] = 0.0
+def _linearize(pose: FloatArray, x: Point, o: Point, camera: Camera, e: FloatArray, j: FloatArray) -> int:
+    """Fill error e (3,) and Jacobian j (3, 6) of an observation; return its rows: 3 with depth, 0 behind the camera."""
+    fx, fy, bf = camera[0], camera[1], camera[4]
+    pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
+    if pz < MIN_DEPTH_M:
+        return 0
+    px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
+    py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
+    iz = 1.0 / pz
+    u = fx * px * iz + camera[2]
+    e[0] = u - o[0]
+    e[1] = fy * py * iz + camera[3] - o[1]
+    # Rows of d(u, v) / d(point); the point moves by ρ + φ × point.
+    a, b = fx * iz, -fx * px * iz * iz
+    c, d = fy * iz, -fy * py * iz * iz
+    j[0, 0], j[0, 1], j[0, 2] = a, 0.0, b
+    j[0, 3], j[0, 4], j[0, 5] = b * py, a * pz - b * px, -a * py
+    j[1, 0], j[1, 1], j[1, 2] = 0.0, c, d
+    j[1, 3], j[1, 4], j[1, 5] = -c * pz + d * py, -d * px, c * px
+    if math.isnan(o[2]):
+        return 2
+    e[2] = u - bf * iz - o[2]
+    f = b + bf * iz * iz
+    j[2, 0], j[2, 1], j[2, 2] = a, 0.0, f
+    j[2, 3], j[2, 4], j[2, 5] = f * py, a * pz - f * px, -a * py
+    return 3
+
+
+@kernel
+def _add_rows(e: FloatArray, j: FloatArray, rows: int, w: float, robust: bool, h: FloatArray, g: FloatArray) -> None:
+    """Add the rows of one observation to g (6,) and to the upper half of h (6, 6)."""
+    limit = CHI2_DEPTH if rows == 3 else CHI2_MONO
+    chi2 = 0.0
+    for r in range(rows):
+        chi2 += w * e[r] * e[r]
+    if robust and chi2 > limit:
+        w *= math.sqrt(limit / chi2)
+    for r in range(rows):
+        for k in range(6):
+            jw = j[r, k] * w
+            g[k] += jw * e[r]
+            for m in range(k, 6):
+                h[k, m] += jw * j[r, m]
 
 
 @kernel
@@ -164,77 +133,25 @@ def _normal_equations(
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    bf: float,
+    camera: Camera,
+    mean: FloatArray,
+    information: FloatArray,
     h: FloatArray,
     g: FloatArray,
 ) -> None:
-    """Fill h (6, 6) = Σ JᵀWJ and g (6,) = Σ JᵀWe over the used observations."""
-    _clear(h, g)
+    """Fill h (6, 6) = Σ JᵀWJ and g (6,) = Σ JᵀWe over the used observations and the factor."""
+    h[:] = 0.0
+    g[:] = 0.0
     j = np.empty((3, 6))
     e = np.empty(3)
-    for i in range(points.shape[0]):
-        if not used[i]:
-            continue
-        x = points[i]
-        pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
-        if pz < MIN_DEPTH_M:
-            continue
-        px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
-        py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
-        iz = 1.0 / pz
-        has_depth = not math.isnan(observations[i, 2])
-        u = fx * px * iz + cx
-        e[0] = u - observations[i, 0]
-        e[1] = fy * py * iz + cy - observations[i, 1]
-        chi2 = e[0] * e[0] + e[1] * e[1]
-        limit = CHI2_MONO
-        rows = 2
-        if has_depth:
-            e[2] = u - bf * iz - observations[i, 2]
-            chi2 += e[2] * e[2]
-            limit = CHI2_DEPTH
-            rows = 3
-        w = inv_sigma2[i]
-        chi2 *= w
-        if robust and chi2 > limit:
-            w *= math.sqrt(limit / chi2)
-        a = fx * iz
-        b = -fx * px * iz * iz
-        j[0, 0] = a
-        j[0, 1] = 0.0
-        j[0, 2] = b
-        j[0, 3] = b * py
-        j[0, 4] = a * pz - b * px
-        j[0, 5] = -a * py
-        c = fy * iz
-        d = -fy * py * iz * iz
-        j[1, 0] = 0.0
-        j[1, 1] = c
-        j[1, 2] = d
-        j[1, 3] = -c * pz + d * py
-        j[1, 4] = -d * px
-        j[1, 5] = c * px
-        if has_depth:
-            f = b + bf * iz * iz
-            j[2, 0] = a
-            j[2, 1] = 0.0
-            j[2, 2] = f
-            j[2, 3] = f * py
-            j[2, 4] = a * pz - f * px
-            j[2, 5] = -a * py
-        for r in range(rows):
-            for k in range(6):
-                jw = j[r, k] * w
-                g[k] += jw * e[r]
-                for m in range(k, 6):
-                    h[k, m] += jw * j[r, m]
+    for i in range(len(points)):
+        if used[i]:
+            rows = _linearize(pose, _triple(points, i), _triple(observations, i), camera, e, j)
+            _add_rows(e, j, rows, inv_sigma2[i], robust, h, g)
     for k in range(6):
         for m in range(k):
             h[k, m] = h[m, k]
+    add_factor(pose, mean, information, h, g)
 
 
 @kernel
@@ -283,7 +200,7 @@ def _orthonormalize(pose: FloatArray) -> None:
         height2 += pose[1, k] * pose[1, k]
     for k in range(3):
         pose[1, k] /= math.sqrt(height2)
-    _fill_third_axis(pose)
+    fill_third_axis(pose)
 
 
 @kernel
@@ -294,11 +211,9 @@ def _descend(
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    bf: float,
+    camera: Camera,
+    mean: FloatArray,
+    information: FloatArray,
 ) -> None:
     """One round of Levenberg–Marquardt on the used observations, in place."""
     h = np.empty((6, 6))
@@ -306,18 +221,18 @@ def _descend(
     step = np.empty(6)
     trial = np.empty((4, 4))
     damping = 1e-5
-    cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+    cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, camera, mean, information)
     is_linearized = False
     for _ in range(_ITERATIONS):
         if not is_linearized:
-            _normal_equations(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf, h, g)
+            _normal_equations(pose, points, observations, inv_sigma2, used, robust, camera, mean, information, h, g)
             is_linearized = True
         gain = -1.0
         length2 = np.inf
         trial_cost = cost
         if _solve6(h, g, damping, step):
             update_pose(pose, step, trial)
-            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
+            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, camera, mean, information)
             gain = cost - trial_cost
             length2 = 0.0
             for k in range(6):
@@ -341,18 +256,14 @@ def _reclassify(
     observations: FloatArray,
     inv_sigma2: FloatArray,
     used: BoolArray,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    bf: float,
+    camera: Camera,
 ) -> tuple[int, bool]:
     """Decide anew which observations are inliers; return how many are, and whether any changed sides."""
     changed = False
     count = 0
     for i in range(len(points)):
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-        inside = _chi2(pose, points[i], observations[i], inv_sigma2[i], fx, fy, cx, cy, bf) <= limit
+        inside = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera) <= limit
         changed = changed or inside != used[i]
         used[i] = inside
         if inside:
@@ -366,22 +277,24 @@ def refine(
     points: FloatArray,
     observations: FloatArray,
     inv_sigma2: FloatArray,
-    fx: float,
-    fy: float,
-    cx: float,
-    cy: float,
-    bf: float,
+    camera: Camera,
+    mean: FloatArray,
+    information: FloatArray,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
-    """Refine a pose (4, 4) in place; return it, the inliers (n,) and the information (6, 6)."""
+    """Refine a pose (4, 4) in place; return it, the inliers (n,) and the information (6, 6).
+
+    ``camera`` is (fx, fy, cx, cy, bf); ``mean`` and ``information`` are those of a factor, zero where there is none.
+    """
+    has_factor = np.any(information != 0.0)
     used = np.ones(len(points), dtype=np.bool_)
     for round_index in range(_ROUNDS):
         robust = round_index < _ROUNDS - 2
-        _descend(pose, points, observations, inv_sigma2, used, robust, fx, fy, cx, cy, bf)
-        count, changed = _reclassify(pose, points, observations, inv_sigma2, used, fx, fy, cx, cy, bf)
-        if count < MIN_OBSERVATIONS or not (changed or robust):
+        _descend(pose, points, observations, inv_sigma2, used, robust, camera, mean, information)
+        count, changed = _reclassify(pose, points, observations, inv_sigma2, used, camera)
+        if (count < MIN_OBSERVATIONS and not has_factor) or not (changed or robust):
             break
     _orthonormalize(pose)
     h = np.zeros((6, 6))
     g = np.zeros(6)
-    _normal_equations(pose, points, observations, inv_sigma2, used, False, fx, fy, cx, cy, bf, h, g)
+    _normal_equations(pose, points, observations, inv_sigma2, used, False, camera, mean, information, h, g)
     return pose, used, h

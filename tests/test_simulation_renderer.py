@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 from device_agent.simulation.building import Building
-from device_agent.simulation.furniture import person
 from device_agent.simulation.gait import head_pose
+from device_agent.simulation.people import walking_figure
 from device_agent.simulation.renderer import Placement, Renderer
 from device_agent.simulation.sensors import CameraModel, head_camera
 from device_agent.simulation.shapes import GLASS, floor_quad, upright_quad
-from device_agent.simulation.textures import build_atlas
+from device_agent.simulation.textures import build_atlas, texture_key
 from device_agent.simulation.walk import head_trajectory, plan_walk
 from navcore.errors import InputError
 from navcore.geometry import Transform, world_from_camera_at
@@ -84,7 +84,7 @@ def test_a_moving_person_hides_what_is_behind(office: Building) -> None:
         floor_quad(-5, -5, 5, 5, 0.0, "carpet/#606060"),
         upright_quad((4, 3), (4, -3), 0.0, 2.7, "brick/#a05040"),
     )
-    renderer = Renderer(surfaces, movers=[person("#b03a48").surfaces])
+    renderer = Renderer(surfaces, movers=[[pose.surfaces for pose in walking_figure(poses=1)]])
     pose = world_from_camera_at((-2.0, 0.0, 1.6), 0.0, math.radians(10))
     middle = (CAMERA.height_px // 2, CAMERA.width_px // 2)
     here, away = (renderer.render(CAMERA, pose, [Placement(x, y, 0.3)]) for x, y in ((1.0, 0.0), (1.0, 30.0)))
@@ -115,3 +115,38 @@ def test_far_pictures_do_not_flicker() -> None:
 def test_an_unknown_texture_is_named() -> None:
     with pytest.raises(InputError, match="velvet"):
         Renderer((floor_quad(0, 0, 1, 1, 0.0, "velvet/#ffffff"),))
+
+
+def test_a_walking_figure_keeps_its_limbs_and_moves_its_legs() -> None:
+    poses = walking_figure()
+    feet = []
+    for pose in poses:
+        corners = np.array([surface.corners for surface in pose.surfaces]).reshape(-1, 3)
+        assert corners[:, 2].min() == pytest.approx(0.0, abs=1e-9)
+        assert 1.6 < corners[:, 2].max() < 1.85
+        feet.append(corners[corners[:, 2] < 0.15][:, 0].max())
+    assert max(feet) - min(feet) > 0.15
+    # Each limb is the same plank at every moment: its textures are painted once.
+    assert len({tuple(sorted(texture_key(s) for s in pose.surfaces)) for pose in poses}) == 1
+
+
+def test_the_view_tells_where_moving_things_are() -> None:
+    wall = upright_quad((4.0, 4.0), (4.0, -4.0), 0.0, 2.7, "paint/#ffffff")
+    renderer = Renderer((wall,), movers=[[pose.surfaces for pose in walking_figure()]])
+    pose = world_from_camera_at((0.0, 0.0, 1.4), 0.0)
+    empty = renderer.render(CAMERA, pose, [None])
+    there = renderer.render(CAMERA, pose, [Placement(2.0, 0.0, 0.3, 5)])
+    assert empty.is_moving is None
+    assert there.is_moving is not None
+    assert 0.03 < there.moving_share < 0.3
+    assert np.array_equal(there.is_moving, there.depth_m != empty.depth_m)
+    strode = renderer.render(CAMERA, pose, [Placement(2.0, 0.0, 0.3, 1)])
+    assert not np.array_equal(strode.is_moving, there.is_moving)
+
+
+def test_a_renderer_with_other_movers_draws_the_same_building() -> None:
+    wall = upright_quad((3.0, 2.0), (3.0, -2.0), 0.0, 2.7, "brick/#a8573f")
+    renderer = Renderer((wall,))
+    peopled = renderer.with_movers([[pose.surfaces for pose in walking_figure()]])
+    pose = world_from_camera_at((0.0, 0.0, 1.4), 0.0)
+    assert np.array_equal(renderer.render(CAMERA, pose).colour_rgb, peopled.render(CAMERA, pose, [None]).colour_rgb)

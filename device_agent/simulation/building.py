@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
@@ -37,16 +38,31 @@ class Room:
     is_corridor: bool = False
 
 
+class Moving(Protocol):
+    """Something that moves through the building by itself."""
+
+    @property
+    def poses(self) -> tuple[Piece, ...]:
+        """What it looks like at each moment of its stride, in its own frame: x forward, standing on z = 0."""
+        ...
+
+    def placement_at(self, time_s: float) -> Placement | None:
+        """Return where it is at a time of the simulation; None while it is not there."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Mover:
     """Something that moves along a path and back, for ever: a person who crosses or comes towards."""
 
-    piece: Piece
+    poses: tuple[Piece, ...]
+    """Of one stride of ``stride_m``, evenly spaced; a thing without legs has one."""
     path_m: tuple[tuple[float, float], ...]
     """Corners of its path (n ≥ 2), metres."""
     speed_mps: float
     start_s: float = 0.0
     """It stands at the first corner until then."""
+    stride_m: float = 1.4
 
     def placement_at(self, time_s: float) -> Placement:
         """Return where it is, and where it faces, at a time of the simulation."""
@@ -61,7 +77,13 @@ class Mover:
         leg = min(int(np.searchsorted(ends, along)), len(lengths) - 1)
         share = (along - (ends[leg] - lengths[leg])) / max(lengths[leg], 1e-9)
         x_m, y_m = corners[leg] + share * steps[leg]
-        return Placement(float(x_m), float(y_m), math.atan2(forth * steps[leg, 1], forth * steps[leg, 0]))
+        yaw_rad = math.atan2(forth * steps[leg, 1], forth * steps[leg, 0])
+        return Placement(float(x_m), float(y_m), yaw_rad, pose_in_stride(travelled, self.stride_m, len(self.poses)))
+
+
+def pose_in_stride(travelled_m: float, stride_m: float, count: int) -> int:
+    """Return which of ``count`` poses somebody takes who has gone so far."""
+    return int(travelled_m / stride_m * count) % count
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +98,7 @@ class Building:
     lamps_m: tuple[Point3, ...]
     road_waypoints: tuple[tuple[float, float], ...]
     """Corners of the sighted person's walk, in order. Where it comes straight back, the person turns on the spot."""
-    movers: tuple[Mover, ...] = ()
+    movers: tuple[Moving, ...] = ()
     seed: int = 0
     """Of the pictures that are painted on the surfaces."""
 
@@ -93,8 +115,8 @@ class Building:
         solids = tuple(solid for piece in pieces for solid in piece.solids)
         return replace(self, surfaces=self.surfaces + surfaces, solids=self.solids + solids)
 
-    def placements_at(self, time_s: float) -> tuple[Placement, ...]:
-        """Return where the moving things are."""
+    def placements_at(self, time_s: float) -> tuple[Placement | None, ...]:
+        """Return where the moving things are; None for those that are not there."""
         return tuple(mover.placement_at(time_s) for mover in self.movers)
 
     def moving_solids_at(self, time_s: float) -> tuple[Solid, ...]:
@@ -102,15 +124,19 @@ class Building:
         return tuple(
             solid.moved(placement.x_m, placement.y_m, 0.0, placement.yaw_rad)
             for mover, placement in zip(self.movers, self.placements_at(time_s), strict=True)
-            for solid in mover.piece.solids
+            if placement is not None
+            for solid in mover.poses[0].solids
         )
+
+    @property
+    def mover_surfaces(self) -> tuple[tuple[tuple[Surface, ...], ...], ...]:
+        """The surfaces of each moving thing in each of its poses, as the renderer takes them."""
+        return tuple(tuple(pose.surfaces for pose in mover.poses) for mover in self.movers)
 
 
 def renderer_of(building: Building) -> Renderer:
     """Build what draws the building; painting and lighting take seconds, so share it where the building is the same."""
-    return Renderer(
-        building.surfaces, building.lamps_m, building.seed, [mover.piece.surfaces for mover in building.movers]
-    )
+    return Renderer(building.surfaces, building.lamps_m, building.seed, building.mover_surfaces)
 
 
 def checked_seed(seed: int) -> int:

@@ -199,17 +199,3 @@ def copier(label: str) -> Piece:
 def ceiling_lamp(length_m: float = 1.2, width_m: float = 0.3) -> Piece:
     """A light panel just under a ceiling of 2.7 m."""
     return Piece((ceiling_quad(-length_m / 2, -width_m / 2, length_m / 2, width_m / 2, 2.69, "lamp/"),))
-
-
-def person(colour: str) -> Piece:
-    """A grown person, roughly: legs, body, arms, head; faces +x."""
-    legs = together(
-        *(column(0.085, 0.0, 0.85, "fabric/#2e3440", top_radius_m=0.1).moved(0.0, y) for y in (-0.11, 0.11))
-    )
-    body = column(0.17, 0.85, 1.45, f"fabric/{colour}", top_radius_m=0.23)
-    arms = together(
-        *(column(0.05, 0.8, 1.42, f"fabric/{colour}", top_radius_m=0.06).moved(0.0, y) for y in (-0.27, 0.27))
-    )
-    # The face, the front of the box, turned towards +x.
-    head = box((0.19, 0.2, 0.26), "plain/#3a2a20", base_m=1.48, front="face/#d9a98a").moved(0.0, 0.0, 90)
-    return together(legs, body, arms, head, Piece((), (Solid("person", 0.0, 0.0, 0.22, 0.28, 0.0, 0.0, 1.75),)))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from device_agent.simulation.building import Mover
-from device_agent.simulation.furniture import person
+from device_agent.simulation.people import STRIDE_M, Clothes, walking_figure
 from device_agent.simulation.shapes import Piece, box
 
 _CARDBOARD = "veneer/#b58a5a:carton"
@@ -28,4 +28,4 @@ def walking_person(
     path_m: tuple[tuple[float, float], ...], speed_mps: float = 0.9, start_s: float = 0.0, colour: str = "#b03a48"
 ) -> Mover:
     """Somebody who walks along a path and back; they do not step aside."""
-    return Mover(person(colour), path_m, speed_mps, start_s)
+    return Mover(walking_figure(Clothes(colour)), path_m, speed_mps, start_s, STRIDE_M)

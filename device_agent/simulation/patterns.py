@@ -179,6 +179,21 @@ def wallpaper(rng: Rng, width_px: int, height_px: int, label: str) -> Image:
     return finished(image)
 
 
+def cloth(rng: Rng, width_px: int, height_px: int, label: str) -> Image:
+    """Clothes: checks of random widths, with prints here and there."""
+    image = tinted(colour_of(label), 5 * speckle(rng, width_px, height_px))
+    for axis, length in ((0, height_px), (1, width_px)):
+        edges = np.cumsum(rng.integers(5, 22, 2 + length // 5))
+        tones = rng.uniform(-38.0, 38.0, len(edges) + 1).astype(np.float32)
+        band = tones[np.searchsorted(edges, np.arange(length), side="right")]
+        image += band[:, None, None] if axis == 0 else band[None, :, None]
+    for _ in range(1 + width_px * height_px // 900):
+        centre = (int(rng.integers(width_px)), int(rng.integers(height_px)))
+        tone = rng.uniform(20.0, 240.0, 3).tolist()
+        cv2.ellipse(image, centre, (int(rng.integers(3, 8)), 3), float(rng.uniform(0, 180)), 0, 360, tone, -1)
+    return finished(image)
+
+
 def concrete(rng: Rng, width_px: int, height_px: int, label: str) -> Image:
     """Fair-faced concrete: stains, pores, tie holes, joints between the panels."""
     shade = 14 * cloud(rng, width_px, height_px, 110, 4) + 4 * speckle(rng, width_px, height_px)

@@ -6,6 +6,7 @@ Things that move are in small scenes of their own, whose rays are taken into the
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -33,6 +34,13 @@ class View:
     """Cosine between ray and surface normal (h, w)."""
     material: NDArray[np.uint8]
     """:class:`textures.Material` (h, w)."""
+    is_moving: NDArray[np.bool_] | None = None
+    """Where the picture shows a moving thing (h, w); None where none is in sight."""
+
+    @property
+    def moving_share(self) -> float:
+        """Share of the picture that shows moving things, 0–1."""
+        return 0.0 if self.is_moving is None else float(self.is_moving.mean())
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +50,8 @@ class Placement:
     x_m: float
     y_m: float
     yaw_rad: float
+    pose: int = 0
+    """Which of its poses it takes: the moment of its stride."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +116,20 @@ class Appearance:
         return shaded
 
 
+class Figure:
+    """A moving thing in its poses, in its own frame (x forward, standing on z = 0); they share their textures."""
+
+    def __init__(self, poses: Sequence[Sequence[Surface]], seed: int) -> None:
+        self.appearance = Appearance([surface for surfaces in poses for surface in surfaces], seed)
+        self._scenes = tuple(RayScene(surfaces) for surfaces in poses)
+        self._first_surface = np.cumsum([0, *(len(surfaces) for surfaces in poses)])
+
+    def cast(self, rays: F32, pose: int) -> tuple[F32, I32]:
+        """Cast rays (n, 6) at one pose; return distances and numbers of surfaces as :meth:`RayScene.cast` does."""
+        distance, surface = self._scenes[pose].cast(rays)
+        return distance, np.where(surface >= 0, surface + self._first_surface[pose], -1).astype(np.int32)
+
+
 class Renderer:
     """Renders views of one building. Not for two threads at once: its buffers are reused."""
 
@@ -114,32 +138,59 @@ class Renderer:
         surfaces: Sequence[Surface],
         lamps_m: Sequence[tuple[float, float, float]] = (),
         seed: int = 0,
-        movers: Sequence[Sequence[Surface]] = (),
+        movers: Sequence[Sequence[Sequence[Surface]]] = (),
     ) -> None:
-        """``movers`` are the surfaces of each moving thing, in its own frame (x forward, standing on z = 0)."""
+        """``movers`` are the surfaces of each moving thing in each of its poses, as :class:`Figure` takes them."""
         self._building = Appearance(surfaces, seed, lamps_m)
-        self._movers = tuple(Appearance(surfaces, seed) for surfaces in movers)
+        self._seed = seed
+        self._movers = tuple(Figure(poses, seed) for poses in movers)
         self._camera_rays: dict[tuple[object, ...], F32] = {}
 
+    def with_movers(self, movers: Sequence[Sequence[Sequence[Surface]]]) -> Renderer:
+        """Return a renderer of the same building with other moving things; the building is not painted again."""
+        other = copy.copy(self)
+        other._movers = tuple(Figure(poses, self._seed) for poses in movers)
+        return other
+
     def render(
-        self, camera: CameraIntrinsics, world_from_camera: Transform, placements: Sequence[Placement] = ()
+        self, camera: CameraIntrinsics, world_from_camera: Transform, placements: Sequence[Placement | None] = ()
     ) -> View:
-        """Render what an ideal pinhole camera sees; ``placements`` say where the moving things are, in their order."""
-        in_camera = self._directions(camera)
+        """Render what an ideal pinhole camera sees.
+
+        ``placements`` say where the moving things are, in their order; None for one that is not there.
+        """
+        seen, distance, is_moving = self.look(
+            self._directions(camera), 1.0 / camera.fx_px, world_from_camera, placements
+        )
+        shape = (camera.height_px, camera.width_px)
+        return View(
+            seen.colour.reshape(*shape, 3),
+            distance.reshape(shape),
+            seen.incidence.reshape(shape),
+            seen.material.reshape(shape),
+            is_moving.reshape(shape) if is_moving.any() else None,
+        )
+
+    def look(
+        self,
+        in_camera: F32,
+        pixel_rad: float,
+        world_from_camera: Transform,
+        placements: Sequence[Placement | None] = (),
+    ) -> tuple[Shaded, F32, NDArray[np.bool_]]:
+        """Look along rays (n, 3) in the frame of any camera, each ``pixel_rad`` wide.
+
+        Returns what is seen, its distance (n,) in lengths of the rays, and whether it moves (n,).
+        """
         rays = np.empty((len(in_camera), 6), np.float32)
         aim(in_camera, np.ascontiguousarray(world_from_camera.rotation), world_from_camera.translation.copy(), rays)
         distance, surface = self._building.scene.cast(rays)
-        pixel_rad = 1.0 / camera.fx_px
         picture = self._building.shade(rays, distance, surface, pixel_rad)
+        is_moving = np.zeros(len(rays), np.bool_)
         for mover, placement in zip(self._movers, placements, strict=True):
-            _draw_mover(mover, placement, rays, pixel_rad, distance, picture)
-        shape = (camera.height_px, camera.width_px)
-        return View(
-            picture.colour.reshape(*shape, 3),
-            distance.reshape(shape),
-            picture.incidence.reshape(shape),
-            picture.material.reshape(shape),
-        )
+            if placement is not None:
+                is_moving[_draw_mover(mover, placement, rays, pixel_rad, distance, picture)] = True
+        return picture, distance, is_moving
 
     def _directions(self, camera: CameraIntrinsics) -> F32:
         """Return the rays (n, 3) of all pixels in the camera's frame, 1 m along the optical axis each."""
@@ -152,27 +203,32 @@ class Renderer:
 
 
 def _draw_mover(
-    mover: Appearance, placement: Placement, rays: F32, pixel_rad: float, distance: F32, picture: Shaded
-) -> None:
-    """Draw a moving thing over the picture (in place), where it is nearer than what is there."""
+    mover: Figure, placement: Placement, rays: F32, pixel_rad: float, distance: F32, picture: Shaded
+) -> NDArray[np.int64]:
+    """Draw a moving thing over the picture (in place) where it is nearer than what is there; return those pixels."""
     offset = np.array([placement.x_m, placement.y_m, 0.0], np.float32) - rays[0, :3]
-    away = float(np.linalg.norm(offset))
-    directions = rays[:, 3:]
-    if away > mover.reach_m:
-        # Only rays within the cone around the thing's bounding sphere can meet it.
-        cosine = directions @ (offset / away) / np.linalg.norm(directions, axis=1)
-        candidates = np.flatnonzero(cosine > math.sqrt(1.0 - (mover.reach_m / away) ** 2))
-    else:
-        candidates = np.arange(len(directions))
+    candidates = _rays_towards(offset, mover.appearance.reach_m, rays[:, 3:])
     turn = rotation_about_z(placement.yaw_rad).astype(np.float32)
     own_rays = np.empty((len(candidates), 6), np.float32)
     own_rays[:, :3] = -offset @ turn
-    own_rays[:, 3:] = directions[candidates] @ turn
-    own_distance, surface = mover.scene.cast(own_rays)
+    own_rays[:, 3:] = rays[candidates, 3:] @ turn
+    own_distance, surface = mover.cast(own_rays, placement.pose)
     nearer = np.flatnonzero(own_distance < distance[candidates])
-    shaded = mover.shade(np.ascontiguousarray(own_rays[nearer]), own_distance[nearer], surface[nearer], pixel_rad)
-    seen = candidates[nearer]
+    shaded = mover.appearance.shade(
+        np.ascontiguousarray(own_rays[nearer]), own_distance[nearer], surface[nearer], pixel_rad
+    )
+    seen: NDArray[np.int64] = candidates[nearer]
     distance[seen] = own_distance[nearer]
     picture.colour[seen] = shaded.colour
     picture.incidence[seen] = shaded.incidence
     picture.material[seen] = shaded.material
+    return seen
+
+
+def _rays_towards(offset: F32, reach_m: float, directions: F32) -> NDArray[np.int64]:
+    """Return which rays can meet a sphere of radius ``reach_m`` about a point that is ``offset`` (3,) away."""
+    away = float(np.linalg.norm(offset))
+    if away <= reach_m:
+        return np.arange(len(directions))
+    cosine = directions @ (offset / away) / np.linalg.norm(directions, axis=1)
+    return np.flatnonzero(cosine > math.sqrt(1.0 - (reach_m / away) ** 2))

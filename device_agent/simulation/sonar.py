@@ -47,18 +47,19 @@ class SonarModel:
     def __init__(
         self,
         surfaces: Sequence[Surface],
-        movers: Sequence[Sequence[Surface]] = (),
+        movers: Sequence[Sequence[Sequence[Surface]]] = (),
         seed: int = 0,
         noise: SonarNoise = USUAL_SONAR_NOISE,
     ) -> None:
         self._noise = noise
         self._seed = seed
         self._walls = _Reflectors(surfaces)
-        self._movers = tuple(_Reflectors(own) for own in movers)
+        # The legs are seldom in the cone: one pose does for all.
+        self._movers = tuple(_Reflectors(poses[0]) for poses in movers)
         self._cone = _cone_directions(noise)
 
     def measure(
-        self, stamp_s: float, world_from_sonar: Transform, number: int, placements: Sequence[Placement] = ()
+        self, stamp_s: float, world_from_sonar: Transform, number: int, placements: Sequence[Placement | None] = ()
     ) -> SonarReading:
         """Return one reading. The sonar looks along the z axis of its frame, as a camera does."""
         rng = np.random.default_rng([self._seed, 5, number])
@@ -69,12 +70,14 @@ class SonarModel:
             return SonarReading(stamp_s, SonarState.NO_ECHO)
         return SonarReading(stamp_s, SonarState.OK, distance_m)
 
-    def _first_echo(self, world_from_sonar: Transform, placements: Sequence[Placement]) -> float:
+    def _first_echo(self, world_from_sonar: Transform, placements: Sequence[Placement | None]) -> float:
         origin = world_from_sonar.translation
         directions = self._cone @ world_from_sonar.rotation.T
         grazing_cosine = math.cos(math.radians(self._noise.grazing_deg))
         nearest = self._walls.first_echo(origin, directions, grazing_cosine)
         for mover, placement in zip(self._movers, placements, strict=True):
+            if placement is None:
+                continue
             turn = rotation_about_z(placement.yaw_rad)
             own_origin = (origin - np.array([placement.x_m, placement.y_m, 0.0])) @ turn
             nearest = min(nearest, mover.first_echo(own_origin, directions @ turn, grazing_cosine))

@@ -57,6 +57,7 @@ PATTERNS: dict[str, Pattern] = {
     "terrazzo": Pattern(patterns.terrazzo, 125),
     "tiles": Pattern(patterns.tiles, 125),
     "wallpaper": Pattern(patterns.wallpaper, 110),
+    "cloth": Pattern(patterns.cloth, 160),
     "concrete": Pattern(patterns.concrete, 100),
     "ceiling": Pattern(patterns.ceiling, 60, 2.4),
     "leaf": Pattern(patterns.leaf, 200),

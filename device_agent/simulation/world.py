@@ -93,11 +93,10 @@ class SimulatedWorld:
         if clearance_m < walker.body_radius_m:
             raise InputError(f"Nobody can stand at ({start.x_m:g}, {start.y_m:g}): choose a start that is free.")
         self.building = building
-        movers = [mover.piece.surfaces for mover in building.movers]
         self._walker, self._gait, self._mount = walker, gait, mount
         self._renderer = renderer_of(building) if renderer is None else renderer
         self._camera_model = CameraModel(head_camera(*size_px), seed, depth_noise, colour_noise)
-        self._sonar_model = SonarModel(building.surfaces, movers, seed)
+        self._sonar_model = SonarModel(building.surfaces, building.mover_surfaces, seed)
         self._rng = np.random.default_rng([seed, 7])
         self._start_s = start_s
         self._body = WalkerBody(start_s, start.x_m, start.y_m, start.heading_rad)

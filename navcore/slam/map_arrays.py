@@ -155,9 +155,11 @@ def _check_geometry(arrays: dict[str, NDArray[Any]]) -> None:
         if not (np.abs(values) <= MAX_COORDINATE_M).all():
             raise damaged(f"{name} holds a place farther than 100 km away")
     for name in ("keyframe", "trajectory"):
-        session, stamps = arrays[f"{name}_session"], arrays[f"{name}_stamp_s"]
-        if np.any((np.diff(stamps) <= 0) & (np.diff(session) == 0)) or np.any(np.diff(session) < 0):
-            raise damaged(f"{name}_stamp_s does not grow within a recording")
+        if np.any(np.diff(arrays[f"{name}_session"]) < 0):
+            raise damaged(f"{name}_session does not go recording by recording")
+    stamps, sessions = arrays["trajectory_stamp_s"], arrays["trajectory_session"]
+    if np.any((np.diff(stamps) <= 0) & (np.diff(sessions) == 0)):
+        raise damaged("trajectory_stamp_s does not grow within a recording")
 
 
 def _are_rigid(poses: NDArray[np.float64]) -> bool:

@@ -33,7 +33,7 @@ class SlamMap:
 
     camera: SlamCamera
     keyframe_stamp_s: FloatArray
-    """(K,): ascending within each session."""
+    """(K,)."""
     keyframe_session: IntArray
     """(K,): the recording that each key frame comes from, ascending; stamps are only comparable within one."""
     camera_from_world: FloatArray
@@ -63,7 +63,7 @@ class SlamMap:
     descriptors: ByteArray
     """(N, 32)."""
     trajectory_stamp_s: FloatArray
-    """(T,): every tracked frame of the recordings."""
+    """(T,): every tracked frame of the recordings, ascending within each."""
     trajectory_session: IntArray
     """(T,): the recording of each, ascending."""
     trajectory: FloatArray

@@ -23,7 +23,8 @@ from navcore.types import CameraIntrinsics, Frame, ImageRgb
 
 HFOV_DEG = 69.0
 """Horizontal field of view of the D435's colour camera, to which depth is registered (D400 data sheet)."""
-_POOL_MARGIN_PX = 128
+POOL_MARGIN_PX = 128
+"""Noise is drawn once, for a picture larger by this on each axis; every frame gets another piece of it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,20 +107,31 @@ class CameraModel:
         self.camera = camera
         self._seed = seed
         self._depth_noise = depth_noise
-        self._colour_noise = colour_noise
+        self.colour_noise = colour_noise
         rng = np.random.default_rng([seed, 2])
-        shape = (camera.height_px + _POOL_MARGIN_PX, camera.width_px + _POOL_MARGIN_PX)
+        shape = (camera.height_px + POOL_MARGIN_PX, camera.width_px + POOL_MARGIN_PX)
         # Matching windows and blobs cover the same angle at any resolution.
         scale = camera.width_px / 320
         self._fine = rng.standard_normal(shape, np.float32)
         self._coarse = _correlated(rng, shape, 1.5 * scale)
         self._blobs = special.ndtr(_correlated(rng, shape, 2.0 * scale)).astype(np.float32)
 
-    def capture(self, view: View, stamp_s: float, number: int, yaw_rate_rad_s: float = 0.0) -> Frame:
-        """Return the frame with this number; while the head turns, the exposure smears it."""
-        motion_px = (yaw_rate_rad_s * self._colour_noise.exposure_s * self.camera.fx_px, 0.0)
+    def capture(
+        self,
+        view: View,
+        stamp_s: float,
+        number: int,
+        yaw_rate_rad_s: float = 0.0,
+        colour_noise: ColourNoise | None = None,
+    ) -> Frame:
+        """Return the frame with this number; while the head turns, the exposure smears it.
+
+        ``colour_noise`` takes the place of the model's own, where light is short.
+        """
+        noise = self.colour_noise if colour_noise is None else colour_noise
+        motion_px = (yaw_rate_rad_s * noise.exposure_s * self.camera.fx_px, 0.0)
         rng = np.random.default_rng([self._seed, 3, number])
-        return Frame(stamp_s, self._colour(view, rng, motion_px), self._depth(view, rng))
+        return Frame(stamp_s, self._colour(view, rng, motion_px, noise), self._depth(view, rng))
 
     def _depth(self, view: View, rng: np.random.Generator) -> F32:
         noise = self._depth_noise
@@ -147,13 +159,14 @@ class CameraModel:
         )
         return out
 
-    def _colour(self, view: View, rng: np.random.Generator, motion_px: tuple[float, float]) -> ImageRgb:
-        noise = self._colour_noise
+    def _colour(
+        self, view: View, rng: np.random.Generator, motion_px: tuple[float, float], noise: ColourNoise
+    ) -> ImageRgb:
         image: ImageRgb = view.colour_rgb
         if noise.optics_sigma_px > 0.0:
             image = cv2.GaussianBlur(image, (3, 3), noise.optics_sigma_px).astype(np.uint8, copy=False)
         if math.hypot(*motion_px) > 0.7:
-            image = cv2.filter2D(image, -1, _line_kernel(motion_px)).astype(np.uint8, copy=False)
+            image = cv2.filter2D(image, -1, line_kernel(motion_px)).astype(np.uint8, copy=False)
         gain = 1.0 + noise.exposure_sigma * float(rng.standard_normal())
         out = np.empty_like(view.colour_rgb)
         grains = [self._crop(self._fine, rng) for _ in range(3)]
@@ -163,10 +176,13 @@ class CameraModel:
         return out
 
     def _crop(self, pool: F32, rng: np.random.Generator) -> F32:
-        """Cut a picture-sized piece out of a pool of noise: much cheaper than drawing new noise for each frame."""
-        top, left = (int(k) for k in rng.integers(_POOL_MARGIN_PX, size=2))
-        piece = pool[top : top + self.camera.height_px, left : left + self.camera.width_px]
-        return np.ascontiguousarray(piece)
+        return crop_at_random(pool, (self.camera.height_px, self.camera.width_px), rng)
+
+
+def crop_at_random(pool: F32, shape: tuple[int, int], rng: np.random.Generator) -> F32:
+    """Cut a picture-sized piece (h, w) out of a pool of noise: much cheaper than drawing new noise for each frame."""
+    top, left = (int(k) for k in rng.integers(POOL_MARGIN_PX, size=2))
+    return np.ascontiguousarray(pool[top : top + shape[0], left : left + shape[1]])
 
 
 def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma_px: float) -> F32:
@@ -175,8 +191,8 @@ def _correlated(rng: np.random.Generator, shape: tuple[int, int], sigma_px: floa
     return normal
 
 
-def _line_kernel(motion_px: tuple[float, float]) -> NDArray[np.float32]:
-    """Return a square kernel that smears along a line."""
+def line_kernel(motion_px: tuple[float, float]) -> NDArray[np.float32]:
+    """Return a square kernel (odd, odd) that smears a picture along a line of so many pixels (x, y)."""
     half = min(15, math.ceil(max(abs(motion_px[0]), abs(motion_px[1])) / 2))
     mask = np.zeros((2 * half + 1, 2 * half + 1), np.float32)
     for share in np.linspace(-0.5, 0.5, 8 * half + 9):

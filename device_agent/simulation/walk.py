@@ -8,13 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from scipy import ndimage
 
 from device_agent.simulation.building import Building, checked_seed, renderer_of
+from device_agent.simulation.fisheye_sensor import FisheyeModel
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.marking import spoken_marks
 from device_agent.simulation.office_floor import office_floor
@@ -24,7 +25,7 @@ from navcore.angles import wrap_rad
 from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform
 from navcore.recording import RecordingWriter
-from navcore.types import Frame
+from navcore.types import FisheyeCamera, Frame
 
 _STEP_M = 0.01
 _STEP_S = 0.01
@@ -73,14 +74,26 @@ class WalkPlan:
         return float(self.stamp_s[-1])
 
 
-def plan_walk(waypoints_m: tuple[tuple[float, float], ...], seed: int, style: WalkStyle = CAREFUL_WALK) -> WalkPlan:
-    """Plan the walk through way points; it ends facing as it began. Raises InputError for fewer than two of them."""
+def plan_walk(
+    waypoints_m: tuple[tuple[float, float], ...],
+    seed: int,
+    style: WalkStyle = CAREFUL_WALK,
+    start_heading_rad: float | None = None,
+) -> WalkPlan:
+    """Plan the walk through way points; it ends facing as it set off.
+
+    Before it sets off, the person stands facing ``start_heading_rad``; without one, the way they will go. Raises
+    InputError for fewer than two way points.
+    """
     if len(waypoints_m) < 2:
         raise InputError("A walk needs at least two way points: name where it leads.")
     rng = np.random.default_rng([checked_seed(seed), 4])
     legs = [_walk_leg(np.asarray(leg, np.float64), rng, style) for leg in _legs(waypoints_m)]
-    pieces = [_standing(legs[0][0, :3], style.stand_s)]
     first_heading = legs[0][0, 2]
+    facing = np.array([*legs[0][0, :2], first_heading if start_heading_rad is None else start_heading_rad])
+    pieces = [_standing(facing, style.stand_s)]
+    if start_heading_rad is not None:
+        pieces.append(_turning(facing, wrap_rad(float(first_heading - start_heading_rad)), style))
     for leg, following in zip(legs, [*legs[1:], None], strict=True):
         pieces.append(leg)
         end_heading = first_heading if following is None else following[0, 2]
@@ -217,14 +230,16 @@ def recorded_walk(
     size_px: tuple[int, int] = (320, 240),
     max_length_m: float = math.inf,
     renderer: Renderer | None = None,
+    fisheye: FisheyeCamera | None = None,
 ) -> Iterator[tuple[Frame, Transform]]:
     """Walk through the building with the camera and yield each frame with the true ``world_from_camera``.
 
-    ``max_length_m`` ends the walk early; ``renderer`` is one that exists already. The same arguments give the same
-    bytes.
+    ``max_length_m`` ends the walk early; ``renderer`` is one that exists already; ``fisheye`` is a second camera on the
+    glasses. The same arguments give the same bytes.
     """
     camera = head_camera(*size_px)
     model = CameraModel(camera, seed)
+    second = None if fisheye is None else FisheyeModel(fisheye, seed)
     drawing = renderer_of(building) if renderer is None else renderer
     plan = plan_walk(building.road_waypoints, seed)
     travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plan.position_m, axis=0).T))])
@@ -233,8 +248,13 @@ def recorded_walk(
         sample = min(len(travelled) - 1, round(stamp_s / _STEP_S))
         if travelled[sample] > max_length_m:
             return
-        view = drawing.render(camera, pose, building.placements_at(stamp_s))
-        yield model.capture(view, stamp_s, number, float(yaw_rates_rad_s[sample])), pose
+        placements, yaw_rate_rad_s = building.placements_at(stamp_s), float(yaw_rates_rad_s[sample])
+        view = drawing.render(camera, pose, placements)
+        frame = model.capture(view, stamp_s, number, yaw_rate_rad_s)
+        if second is not None:
+            picture = second.capture(drawing, pose, stamp_s, number, placements, yaw_rate_rad_s)
+            frame = replace(frame, fisheye=picture)
+        yield frame, pose
 
 
 def record_walk(
@@ -246,6 +266,7 @@ def record_walk(
     max_length_m: float = math.inf,
     building: Building | None = None,
     renderer: Renderer | None = None,
+    fisheye: FisheyeCamera | None = None,
 ) -> int:
     """Write the sighted person's walk as a recording (with its ground truth) and return the number of frames.
 
@@ -253,9 +274,9 @@ def record_walk(
     """
     floor = office_floor() if building is None else building
     total = len(head_trajectory(plan_walk(floor.road_waypoints, seed), rate_hz))
-    writer = RecordingWriter(folder, head_camera(*size_px))
+    writer = RecordingWriter(folder, head_camera(*size_px), fisheye=fisheye)
     walked: list[tuple[float, Transform]] = []
-    for frame, pose in recorded_walk(floor, seed, rate_hz, size_px, max_length_m, renderer):
+    for frame, pose in recorded_walk(floor, seed, rate_hz, size_px, max_length_m, renderer, fisheye):
         writer.add(frame, pose)
         walked.append((frame.stamp_s, pose))
         if progress is not None:

@@ -1,9 +1,9 @@
 """What landmarks in the fisheye picture say of the pose: two residuals each, in pixels of the lens, without depth.
 
 The residual of a landmark X seen at the pixel p is π(F T X) − p, π being the lens (Kannala and Brandt), F the mounting
-``fisheye_from_camera`` and T the pose of the depth camera. Linearized at a pose, all of them together are a Gaussian, so
-they join the depth camera's landmarks as a factor (:mod:`navcore.slam.pose_factor`); it is linearized anew at each new
-pose, until both agree. What the depth camera alone does is left as it is.
+``fisheye_from_camera`` and T the pose of the depth camera. Linearized at a pose, all of them together are a Gaussian,
+so they join the depth camera's landmarks as a factor (:mod:`navcore.slam.pose_factor`); it is linearized anew at each
+new pose, until both agree. What the depth camera alone does is left as it is.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def fisheye_factor(
         is_robust,
     )
     # A direction that nothing constrains keeps the pose where it is.
-    step = np.linalg.solve(h + np.diag(1e-6 * np.diag(h) + 1e-9), -g)
+    step = np.asarray(np.linalg.solve(h + np.diag(1e-6 * np.diag(h) + 1e-9), -g), dtype=np.float64)
     mean = np.eye(4)
     update_pose(camera_from_world, step, mean)
     return PoseFactor(mean, h), inlier

@@ -1,9 +1,9 @@
 """The fisheye picture as features see it: unrolled onto a cylinder around the wearer, then treated like any picture.
 
-A fisheye lens turns and squeezes what lies off its axis, and descriptors of patches with it. On a cylinder whose axis is
-the picture's vertical, every patch near the horizon looks as if a pinhole camera had been pointed at it: azimuth becomes
-u, the tangent of the elevation v. One picture has no seams and loses features only at its rim; virtual pinhole views
-lose them at the rim of each. What is found is taken back to pixels of the lens, where the noise of its corners lives.
+A fisheye lens turns and squeezes what lies off its axis, and descriptors of patches with it. On a cylinder whose axis
+is the picture's vertical, every patch near the horizon looks as if a pinhole camera had been pointed at it: azimuth
+becomes u, the tangent of the elevation v. One picture has no seams and loses features only at its rim; virtual pinhole
+views lose them at the rim of each. What is found is taken back to pixels of the lens.
 """
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def _project_on_cylinder(
             continue
         u = focal * math.atan2(px, pz) + cx
         v = focal * py / across + cy
-        column, row = int(math.floor(u + 0.5)), int(math.floor(v + 0.5))
+        column, row = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
         if column < 0 or column >= width or row < 0 or row >= height or not usable[row, column]:
             continue
         level = math.log(reach[i] * focal / range_m) / log_scale
@@ -189,5 +189,5 @@ def _project_on_cylinder(
         uv[i, 0] = u
         uv[i, 1] = v
         cosine[i] = view
-        octave[i] = min(max(int(math.floor(level + 0.5)), 0), LEVEL_COUNT - 1)
+        octave[i] = min(max(int(np.floor(level + 0.5)), 0), LEVEL_COUNT - 1)
     return uv, octave, cosine

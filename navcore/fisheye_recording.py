@@ -54,7 +54,7 @@ class FisheyeRecording:
                 f"{picture.path} is {grey.shape[1]}×{grey.shape[0]} pixels, but the recording's fisheye pictures are"
                 f" {lens.width_px}×{lens.height_px}: use the pictures of one camera."
             )
-        return FisheyeImage(picture.stamp_s, np.ascontiguousarray(grey, dtype=np.uint8))
+        return FisheyeImage(picture.stamp_s, np.ascontiguousarray(grey, dtype=np.uint8), self.camera)
 
 
 def open_fisheye(folder: Path) -> FisheyeRecording | None:

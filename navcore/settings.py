@@ -48,6 +48,8 @@ class LocalizationSettings(_Group):
     """How long guidance goes on while the pose is only "Uncertain"."""
     uncertain_position_m: float = _setting(0.25, 0.05, 1.0, step=0.05, source="design")
     """Standard deviation of the position above which a pose is only "Uncertain"."""
+    use_fisheye: bool = _setting(True, source="IV-A")
+    """Whether the fisheye camera's pictures are used, where there are any."""
 
 
 class PlanningSettings(_Group):

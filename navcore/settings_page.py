@@ -30,7 +30,13 @@ def settings_markdown() -> str:
 
 def _row(spec: SettingSpec) -> str:
     unit = f" {spec.unit}" if spec.unit else ""
-    span = ", ".join(spec.choices) if spec.low is None else f"{spec.low:g} – {spec.high:g}{unit}"
+    choices = ("true", "false") if spec.kind == "bool" else spec.choices
+    span = ", ".join(choices) if spec.low is None else f"{spec.low:g} – {spec.high:g}{unit}"
     warning = " ⚠" if spec.safety else ""
-    default = spec.default if isinstance(spec.default, str) else f"{spec.default:g}{unit}"
-    return f"| `{spec.name}`{warning} | {default} | {span} | {spec.meaning} | {spec.source} |"
+    return f"| `{spec.name}`{warning} | {_default(spec, unit)} | {span} | {spec.meaning} | {spec.source} |"
+
+
+def _default(spec: SettingSpec, unit: str) -> str:
+    if isinstance(spec.default, bool):
+        return "true" if spec.default else "false"
+    return spec.default if isinstance(spec.default, str) else f"{spec.default:g}{unit}"

@@ -127,6 +127,8 @@ class FisheyeImage:
     stamp_s: float
     """Its own time of capture, seconds, on the depth camera's clock."""
     grey: ImageGrey
+    camera: FisheyeCamera
+    """The camera that took it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

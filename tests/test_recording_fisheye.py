@@ -25,7 +25,7 @@ def frame(stamp_s: float, fisheye_stamp_s: float | None) -> Frame:
     if fisheye_stamp_s is None:
         return Frame(stamp_s, colour, depth)
     grey = np.tile(np.linspace(40, 200, 40).astype(np.uint8), (30, 1))
-    return Frame(stamp_s, colour, depth, FisheyeImage(fisheye_stamp_s, grey))
+    return Frame(stamp_s, colour, depth, FisheyeImage(fisheye_stamp_s, grey, FisheyeCamera(LENS, MOUNTED)))
 
 
 @pytest.fixture

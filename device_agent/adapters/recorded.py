@@ -37,10 +37,18 @@ class RecordedCamera:
 
     def _frame(self, entry: RecordedFrame, stamp_s: float) -> Frame:
         try:
-            return replace(self._recording.read(entry), stamp_s=stamp_s)
+            return _at(self._recording.read(entry), stamp_s)
         except RecordingError as error:
             raise SensorError(str(error)) from error
 
     def close(self) -> None:
         """Deliver nothing from now on."""
         self._entries = None
+
+
+def _at(frame: Frame, stamp_s: float) -> Frame:
+    """Return the frame as if it had been taken at another time, and its fisheye picture with it."""
+    if frame.fisheye is None:
+        return replace(frame, stamp_s=stamp_s)
+    moved = replace(frame.fisheye, stamp_s=frame.fisheye.stamp_s + stamp_s - frame.stamp_s)
+    return replace(frame, stamp_s=stamp_s, fisheye=moved)

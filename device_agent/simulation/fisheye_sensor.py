@@ -99,7 +99,7 @@ class FisheyeModel:
         grey = cv2.cvtColor(seen.colour.reshape(-1, 1, 3), cv2.COLOR_RGB2GRAY)[:, 0].astype(np.float32)
         picture = np.zeros(self._shape, np.float32)
         picture.ravel()[self._shown] = grey * self._light
-        return FisheyeImage(stamp_s, self._spoilt(picture, number, yaw_rate_rad_s * lens.fx_px))
+        return FisheyeImage(stamp_s, self._spoilt(picture, number, yaw_rate_rad_s * lens.fx_px), self.camera)
 
     def _spoilt(self, picture: F32, number: int, speed_px_s: float) -> ImageGrey:
         """Return the picture as the sensor reads it: blurred by lens and motion, with noise and a gain of its own."""

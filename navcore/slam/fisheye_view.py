@@ -31,6 +31,8 @@ MAX_ELEVATION_RAD = math.radians(42.0)
 """The cylinder reaches this far up and down, where the lens does: farther, it stretches patches more than twofold."""
 RIM_PX = 16
 """Features nearer than this to what the lens does not show are not used: their patch reaches beyond."""
+_AT_ONCE: FloatArray = np.eye(4)
+_AT_ONCE.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +45,8 @@ class FisheyeFeatures:
     """(n, 2): the same places in the fisheye picture."""
     unusable: BoolArray
     """(n,): too near to the rim of what the lens shows."""
+    fisheye_from_camera: FloatArray
+    """(4, 4): from the depth camera, at its own time of capture, to the fisheye camera at its."""
 
     def __len__(self) -> int:
         return len(self.features)
@@ -83,15 +87,20 @@ class FisheyeView:
         table = self._table
         return np.asarray(cv2.remap(grey, table[0], table[1], cv2.INTER_LINEAR), dtype=np.uint8)
 
-    def extract(self, grey: ByteArray) -> FisheyeFeatures:
-        """Return the features of a fisheye picture (h, w)."""
+    def extract(self, grey: ByteArray, moved: FloatArray = _AT_ONCE) -> FisheyeFeatures:
+        """Return the features of a fisheye picture (h, w).
+
+        ``moved`` (4, 4) takes points in the depth camera's frame at its time of capture to the same camera's frame at
+        the fisheye camera's, where the two are not taken at once.
+        """
         features = self._extractor.extract_grey(self.unrolled(grey), self._no_depth)
         uv = features.uv_px
         pixel = np.floor(uv + 0.5).astype(np.int64)
         usable = self._is_usable[
             np.clip(pixel[:, 1], 0, self.cylinder.height_px - 1), np.clip(pixel[:, 0], 0, self.cylinder.width_px - 1)
         ]
-        return FisheyeFeatures(features, project_all(self.numbers, self.rays_of(uv)), ~usable)
+        lens_px = project_all(self.numbers, self.rays_of(uv))
+        return FisheyeFeatures(features, lens_px, ~usable, self.fisheye_from_camera @ moved)
 
     def rays_of(self, uv_px: FloatArray) -> FloatArray:
         """Return unit rays (n, 3) in the fisheye camera's frame of places (n, 2) on the cylinder."""
@@ -101,14 +110,12 @@ class FisheyeView:
         return np.ascontiguousarray(rays / np.sqrt(1.0 + height * height)[:, None])
 
     def project_landmarks(
-        self, camera_from_world: FloatArray, positions: FloatArray, normals: FloatArray, reach: FloatArray
+        self, fisheye_from_world: FloatArray, positions: FloatArray, normals: FloatArray, reach: FloatArray
     ) -> tuple[FloatArray, IntArray, FloatArray]:
         """Return u, v (n, 2) on the cylinder, expected octave (n,; −1 where not visible) and view cosine (n,).
 
-        ``camera_from_world`` is the depth camera's pose; a landmark is visible as for
-        :func:`navcore.slam.matching.project_landmarks`.
+        A landmark is visible as for :func:`navcore.slam.matching.project_landmarks`.
         """
-        fisheye_from_world = self.fisheye_from_camera @ camera_from_world
         return _project_on_cylinder(
             np.ascontiguousarray(fisheye_from_world),
             np.ascontiguousarray(positions),

@@ -16,9 +16,10 @@ from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.features import FeatureExtractor, feature_count_for
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
-from navcore.slam.lie import inverse_se3, log_so3
-from navcore.slam.pose import covariance_in_world
-from navcore.slam.relocalization import DepthSupport, depth_support, relocalize
+from navcore.slam.lie import inverse_se3
+from navcore.slam.map_evidence import MapEvidence, evidence_for
+from navcore.slam.pose_uncertainty import centre_of, drifted, map_covariance, misfit, with_ambiguity
+from navcore.slam.relocalization import is_same_place, proposals
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -36,15 +37,10 @@ RELOCALIZATION_CANDIDATES = 10
 """Key frames that look alike, which are tried."""
 RELOCALIZATION_INLIERS = 40
 """Landmarks that must agree when there was no guess."""
+RIVAL_SHARE = 0.6
+"""Where another place convinces too, with more than this share of the best one's landmarks, neither is believed."""
 CONFIRMATIONS = 3
 """Frames in a row that must match the map after a relocalization before the pose is called Localized."""
-MIN_DEPTH_SHARE = 0.8
-"""Share of the landmarks in view with which the depth image must agree; what hides a landmark says nothing."""
-MIN_FOUND_SHARE = 0.17
-"""Share of those landmarks that must be found among the features. A pose that is wrong by one period of a repeating
-wall still finds a sixth."""
-MIN_FOUND_SHARE_FOLLOWED = 0.08
-"""The same, where map and odometry say the same: blur and turning hide landmarks."""
 STEADY_COUNT = 80
 """Fewer landmarks than this fix a pose badly: what odometry follows is used as well."""
 CONTINUITY_M = 0.08
@@ -59,18 +55,10 @@ GUESS_RADIUS_FACTOR = 3.0
 """Search radius around landmarks where only the motion model says where the camera is, times the usual one."""
 JUMP_M = 0.3
 """A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
-VARIANCE_SCALE = 4.0
-"""Matched pixels are not independent: their covariance is multiplied by this."""
-MAP_SIGMA_M = 0.015
-MAP_SIGMA_RAD = 0.004
-"""Error of the map itself, locally."""
-DRIFT_SHARE = 0.03
-"""Standard deviation of odometry, per metre moved and per radian turned."""
-DRIFT_SIGMA_M = 0.004
-DRIFT_SIGMA_RAD = 0.002
-"""Standard deviation of odometry, per frame."""
 NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
+MISFIT_MEMORY = 0.8
+"""Weight of earlier frames in the running mean of the variance factor."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,31 +68,31 @@ class LocalizerState:
     last: Track
     before_last: Track | None
     covariance: FloatArray
-    """(6, 6): of (camera position, rotation) in the world."""
+    """(6, 6): of (camera position, rotation) in the world, if the place is the right one."""
     matched_s: float
     """When the map last matched."""
     confirmations: int
     """Frames in a row that have matched the map since the pose was found without a guess."""
+    misfit: float
+    """Running mean of the variance factor; see :func:`navcore.slam.pose_uncertainty.misfit`."""
+
+    @property
+    def is_confirmed(self) -> bool:
+        """Whether enough frames said the same since the place was found."""
+        return self.confirmations >= CONFIRMATIONS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MapMatch:
-    """A pose at which landmarks of the map were found, and what the depth image says of it."""
+    """A pose at which landmarks of the map were found, and what speaks for it."""
 
     track: Track
-    support: DepthSupport
-
-    @property
-    def is_convincing(self) -> bool:
-        """Whether enough of what should be seen is seen, where it should be."""
-        enough = self.track.inlier_count >= MIN_FOUND_SHARE * self.support.agreeing
-        return enough and self.support.share >= MIN_DEPTH_SHARE
+    evidence: MapEvidence
 
     def is_plausible_after(self, followed: Track) -> bool:
         """Whether odometry led to the same place, and nothing speaks against it."""
-        enough = self.track.inlier_count >= MIN_FOUND_SHARE_FOLLOWED * self.support.agreeing
-        shift_m = float(np.linalg.norm(_centre(self.track) - _centre(followed)))
-        return enough and self.support.share >= MIN_DEPTH_SHARE and shift_m < CONTINUITY_M
+        shift_m = float(np.linalg.norm(centre_of(self.track) - centre_of(followed)))
+        return self.evidence.is_plausible and shift_m < CONTINUITY_M
 
 
 class Localizer:
@@ -149,12 +137,11 @@ class Localizer:
             if track is None:
                 continue
             matched = self._match_map(state, track, frame, radius_factor)
-            if matched is not None and matched.is_convincing:
+            if matched is not None and matched.evidence.is_convincing:
                 return self._with_map(state, track, matched, frame)
             if matched is not None and track is followed and matched.is_plausible_after(track):
                 # It keeps what is known, but does not make a doubtful pose a sure one.
-                covariance = _map_covariance(matched.track)
-                return LocalizerState(matched.track, state.last, covariance, frame.stamp_s, state.confirmations)
+                return self._matched(state, matched, frame, state.confirmations)
             doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
         return found or self._carried_on(state, moved, doubtful, frame)
@@ -167,7 +154,8 @@ class Localizer:
         if track is None or frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
             return None
         confirmations = 0 if doubtful is not None else state.confirmations
-        return LocalizerState(track, state.last, _drifted(state, track), state.matched_s, confirmations)
+        covariance = drifted(state.covariance, state.last, track)
+        return LocalizerState(track, state.last, covariance, state.matched_s, confirmations, state.misfit)
 
     def _match_map(
         self, state: LocalizerState, track: Track, frame: Frame, least_radius_factor: float
@@ -187,11 +175,11 @@ class Localizer:
             found, expected = extend_by_map(self._map, found.track, candidates)
         if found.landmark_count < self._settings.min_inliers_count:
             return None
-        support = depth_support(self._map, found.track.camera_from_world, expected, frame.depth_m)
+        evidence = evidence_for(self._map, found.track, expected, frame.depth_m)
         matched = found.track
         if found.landmark_count < STEADY_COUNT:
             matched = steadied(self._map, matched, track)
-        return MapMatch(matched, support)
+        return MapMatch(matched, evidence)
 
     def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:
         centre = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
@@ -201,11 +189,19 @@ class Localizer:
         return near[np.argsort(distance[near], kind="stable")][:30].astype(np.int32)
 
     def _with_map(self, state: LocalizerState, moved: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
-        covariance = _map_covariance(matched.track)
-        shift_m = float(np.linalg.norm(_centre(matched.track) - _centre(moved)))
-        drift_m = 3.0 * float(np.sqrt(np.trace(_drifted(state, moved)[:3, :3])))
+        shift_m = float(np.linalg.norm(centre_of(matched.track) - centre_of(moved)))
+        drift_m = 3.0 * float(np.sqrt(np.trace(drifted(state.covariance, state.last, moved)[:3, :3])))
         confirmations = 1 if shift_m > max(JUMP_M, drift_m) else min(state.confirmations + 1, CONFIRMATIONS)
-        return LocalizerState(matched.track, state.last, covariance, frame.stamp_s, confirmations)
+        return self._matched(state, matched, frame, confirmations)
+
+    def _matched(
+        self, state: LocalizerState | None, matched: MapMatch, frame: Frame, confirmations: int
+    ) -> LocalizerState:
+        track, last = matched.track, None if state is None else state.last
+        factor = misfit(self._map, track)
+        if state is not None:
+            factor = MISFIT_MEMORY * state.misfit + (1.0 - MISFIT_MEMORY) * factor
+        return LocalizerState(track, last, map_covariance(track, factor), frame.stamp_s, confirmations, factor)
 
     # --------------------------------------------------------------------------------------------- finding
     def _is_due_for_search(self, state: LocalizerState, frame: Frame) -> bool:
@@ -215,17 +211,26 @@ class Localizer:
         return int(missed_s / SEARCH_INTERVAL_S) != int(before_s / SEARCH_INTERVAL_S) or before_s <= 0.0
 
     def _find(self, frame: Frame, features: Features) -> LocalizerState | None:
+        """Search the whole map; None where no place convinces, or more than one does."""
         if len(features) < RELOCALIZATION_INLIERS:
             return None
-        candidates, _ = self._map.places.query(features.descriptors, RELOCALIZATION_CANDIDATES)
-        found = relocalize(self._map, features, frame.stamp_s, candidates.tolist(), RELOCALIZATION_INLIERS)
-        if found is None:
+        alike, _ = self._map.places.query(features.descriptors, RELOCALIZATION_CANDIDATES)
+        best: MapMatch | None = None
+        rival = 0
+        for found in proposals(self._map, features, frame.stamp_s, alike.tolist(), RELOCALIZATION_INLIERS):
+            around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks))
+            match = MapMatch(found.track, evidence_for(self._map, found.track, around, frame.depth_m))
+            if not match.evidence.is_convincing:
+                continue
+            if best is not None and is_same_place(best.track, match.track):
+                best = max(best, match, key=lambda m: m.evidence.found)
+            elif best is None or match.evidence.found > best.evidence.found:
+                rival, best = 0 if best is None else best.evidence.found, match
+            else:
+                rival = max(rival, match.evidence.found)
+        if best is None or rival > RIVAL_SHARE * best.evidence.found:
             return None
-        around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks))
-        support = depth_support(self._map, found.track.camera_from_world, around, frame.depth_m)
-        if not MapMatch(found.track, support).is_convincing:
-            return None
-        return LocalizerState(found.track, None, _map_covariance(found.track), frame.stamp_s, 1)
+        return self._matched(None, best, frame, 1)
 
     # --------------------------------------------------------------------------------------------- quality
     def _quality(self, state: LocalizerState | None, stamp_s: float) -> LocalizationQuality:
@@ -233,38 +238,14 @@ class Localizer:
             return LocalizationQuality.LOST
         sigma_m = float(np.sqrt(np.linalg.eigvalsh(state.covariance[:3, :3])[-1]))
         without_map_s = stamp_s - state.matched_s
-        if (
-            state.confirmations < CONFIRMATIONS
-            or sigma_m > self._settings.uncertain_position_m
-            or without_map_s > MAX_UNMATCHED_S
-        ):
+        if not state.is_confirmed or sigma_m > self._settings.uncertain_position_m or without_map_s > MAX_UNMATCHED_S:
             return LocalizationQuality.UNCERTAIN
         return LocalizationQuality.LOCALIZED
-
-
-def _centre(track: Track) -> FloatArray:
-    return np.asarray(-track.camera_from_world[:3, :3].T @ track.camera_from_world[:3, 3])
-
-
-def _map_covariance(track: Track) -> FloatArray:
-    """Return the covariance (6, 6) of a pose that matched the map."""
-    covariance = VARIANCE_SCALE * covariance_in_world(track.camera_from_world, track.information)
-    return covariance + np.diag([MAP_SIGMA_M**2] * 3 + [MAP_SIGMA_RAD**2] * 3)
-
-
-def _drifted(state: LocalizerState, track: Track) -> FloatArray:
-    """Return the covariance (6, 6) after a movement that only odometry saw."""
-    moved_m = float(np.linalg.norm(_centre(track) - _centre(state.last)))
-    step = track.camera_from_world[:3, :3] @ state.last.camera_from_world[:3, :3].T
-    turned_rad = float(np.linalg.norm(log_so3(np.ascontiguousarray(step))))
-    rotation_variance = float(np.trace(state.covariance[3:, 3:])) / 3
-    growth_m2 = (DRIFT_SHARE * moved_m) ** 2 + DRIFT_SIGMA_M**2 + rotation_variance * moved_m**2
-    growth_rad2 = (DRIFT_SHARE * turned_rad) ** 2 + DRIFT_SIGMA_RAD**2
-    return state.covariance + np.diag([growth_m2] * 3 + [growth_rad2] * 3)
 
 
 def _as_localization(state: LocalizerState | None, stamp_s: float, quality: LocalizationQuality) -> Localization:
     if state is None:
         return Localization(stamp_s, quality, None)
     world_from_camera = Transform(inverse_se3(state.last.camera_from_world))
-    return Localization(stamp_s, quality, world_from_camera, state.covariance, state.last.inlier_count)
+    covariance = state.covariance if state.is_confirmed else with_ambiguity(state.covariance)
+    return Localization(stamp_s, quality, world_from_camera, covariance, state.last.inlier_count)

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from navcore.slam.corners import HAS_NINE
-from navcore.slam.descriptors import as_words, bit_distance
+from navcore.slam.corners import BORDER_PX, CELL_PX, find_corners, score_row
+from navcore.slam.descriptors import as_words, bit_distance, box_sums, direction, disc_weights, orientation
 from navcore.slam.features import FeatureExtractor, feature_count_for
 from navcore.slam.keyframes import Features, SlamCamera
 from navcore.slam.matching import match_all, match_projected
@@ -26,12 +26,90 @@ def frames() -> list[Frame]:
     return [frame for frame, _ in sliding_frames(3)]
 
 
-def test_contiguous_nine_of_sixteen() -> None:
-    for start in range(16):
-        nine = sum(1 << ((start + i) % 16) for i in range(9))
-        eight = nine & ~(1 << start)
-        assert HAS_NINE[nine]
-        assert not HAS_NINE[eight]
+CIRCLE = [(0, -3), (1, -3), (2, -2), (3, -1), (3, 0), (3, 1), (2, 2), (1, 3)]
+CIRCLE += [(-dx, -dy) for dx, dy in CIRCLE]
+
+
+def _score_by_definition(image: np.ndarray, x: int, y: int) -> int:
+    """Return the largest t for which nine contiguous pixels of the circle differ from the centre by t, one way."""
+    ring = np.array([int(image[y + dy, x + dx]) for dx, dy in CIRCLE]) - int(image[y, x])
+    arcs = [ring[np.arange(start, start + 9) % 16] for start in range(16)]
+    return max(0, *(int(arc.min()) for arc in arcs), *(int((-arc).min()) for arc in arcs))
+
+
+def test_score_is_that_of_the_definition() -> None:
+    image = cv2.GaussianBlur(np.random.default_rng(1).integers(0, 256, (60, 75)).astype(np.uint8), (3, 3), 0.8)
+    image = np.ascontiguousarray(image, dtype=np.uint8)
+    score = np.zeros_like(image)
+    inside = (slice(BORDER_PX, 60 - BORDER_PX), slice(BORDER_PX, 75 - BORDER_PX))
+    for y in range(BORDER_PX, 60 - BORDER_PX):
+        score_row(image, y, score)
+    expected = np.zeros_like(image)
+    for y in range(BORDER_PX, 60 - BORDER_PX):
+        for x in range(BORDER_PX, 75 - BORDER_PX):
+            expected[y, x] = _score_by_definition(image, x, y)
+    assert np.count_nonzero(expected) > 100
+    np.testing.assert_array_equal(score, expected)
+    score[inside] = 0
+    assert not score.any()
+
+
+def test_corners_are_those_of_opencv(frames: list[Frame]) -> None:
+    image = np.ascontiguousarray(cv2.cvtColor(frames[0].colour_rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
+    ours = {(int(x), int(y)): int(s) for x, y, s in find_corners(image, np.zeros_like(image), 20, 20, 100_000)}
+    anywhere = cv2.FastFeatureDetector_create(20, False).detect(image, None)  # type: ignore[call-overload]
+    assert len(ours) > 300
+    assert ours.keys() <= {(round(k.pt[0]), round(k.pt[1])) for k in anywhere}
+    # Of two equal neighbours OpenCV drops both, we one; it calls the largest threshold that a corner passes its score.
+    peaks = cv2.FastFeatureDetector_create(20, True).detect(image, None)  # type: ignore[call-overload]
+    theirs = {(round(k.pt[0]), round(k.pt[1])): int(k.response) + 1 for k in peaks}
+    common = ours.keys() & theirs.keys()
+    assert len(common) > 300
+    assert [ours[place] for place in common] == [theirs[place] for place in common]
+
+
+def test_a_plain_cell_gives_its_faint_corners_and_a_busy_one_does_not() -> None:
+    image = np.full((48 + 2 * BORDER_PX, 96 + 2 * BORDER_PX), 100, np.uint8)
+    cell = BORDER_PX + np.array([4, 14])
+    image[cell[0], cell] = [112, 160]
+    image[cell[0], cell + 2 * CELL_PX] = 112
+    corners = find_corners(image, np.zeros_like(image), 20, 7, 100)
+    found = {(int(x), int(s)) for x, _, s in corners}
+    assert found == {(int(cell[1]), 60), (int(cell[0]) + 2 * CELL_PX, 12), (int(cell[1]) + 2 * CELL_PX, 12)}
+
+
+def test_quota_goes_round_the_cells_best_first() -> None:
+    rng = np.random.default_rng(2)
+    image = rng.integers(0, 256, (5 * CELL_PX + 2 * BORDER_PX, 5 * CELL_PX + 2 * BORDER_PX)).astype(np.uint8)
+    few = find_corners(image, np.zeros_like(image), 20, 7, 25)
+    assert len({((x - BORDER_PX) // CELL_PX, (y - BORDER_PX) // CELL_PX) for x, y, _ in few}) == 25
+    fewer = find_corners(image, np.zeros_like(image), 20, 7, 10)
+    assert sorted(fewer[:, 2]) == sorted(few[:, 2])[-10:]
+
+
+def test_smoothing_sums_five_by_five() -> None:
+    image = np.random.default_rng(3).integers(0, 256, (41, 67)).astype(np.uint8)
+    sums = np.zeros(image.shape, np.uint16)
+    box_sums(image, sums)
+    expected = cv2.boxFilter(image, cv2.CV_16U, (5, 5), normalize=False)
+    np.testing.assert_array_equal(sums[2:-2, 2:-2], expected[2:-2, 2:-2])
+
+
+def test_orientation_is_that_of_the_intensity_centroid() -> None:
+    rng = np.random.default_rng(4)
+    y, x = np.mgrid[-20:21, -20:21]
+    disc = x**2 + y**2 <= 15.5**2
+    for _ in range(20):
+        image = rng.integers(0, 256, (41, 41)).astype(np.uint8)
+        expected = np.arctan2((y * image)[disc].sum(), (x * image)[disc].sum())
+        assert orientation(image, 20, 20, *disc_weights()) == pytest.approx(expected, abs=2e-6)
+
+
+def test_direction_is_the_arctangent_all_round() -> None:
+    for angle in np.linspace(-3.14159, 3.14159, 721):
+        assert direction(5.0 * np.cos(angle), 5.0 * np.sin(angle)) == pytest.approx(angle, abs=2e-6)
+    assert direction(0.0, 0.0) == 0.0
+    assert [direction(-1.0, 0.0), direction(0.0, -1.0)] == pytest.approx([np.pi, -np.pi / 2], abs=2e-6)
 
 
 def test_feature_counts_by_size() -> None:

@@ -1,8 +1,4 @@
-"""Features of a frame: corners in an image pyramid with an orientation, a binary descriptor and a depth.
-
-The orientation is that of the intensity centroid, the descriptor 256 comparisons of smoothed pixels, turned with the
-orientation (Rublee et al. 2011, ORB). The comparisons are our own: see :func:`comparison_pattern`.
-"""
+"""Features of a frame: corners in an image pyramid with an orientation, a binary descriptor and a depth."""
 
 from __future__ import annotations
 
@@ -12,7 +8,8 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
-from navcore.slam.corners import HAS_NINE, find_corners
+from navcore.slam.corners import find_corners
+from navcore.slam.descriptors import describe, disc_weights, pattern_places
 from navcore.slam.keyframes import (
     DESCRIPTOR_BYTES,
     LEVEL_COUNT,
@@ -22,15 +19,10 @@ from navcore.slam.keyframes import (
     IntArray,
     SlamCamera,
 )
-from navcore.slam.pattern import comparison_pattern
 from navcore.types import CameraIntrinsics, DepthImage, Frame, ImageRgb
 
 GRID_PX = 16
 """Side of the cells into which features are sorted for window searches."""
-PATCH_RADIUS_PX = 15
-"""Radius of the patch that orientation and descriptor look at."""
-TURN_COUNT = 64
-"""The comparisons are kept turned to so many orientations."""
 FAST_HIGH = 20
 """Grey levels by which a corner differs from its surroundings, where the image has texture."""
 FAST_LOW = 7
@@ -52,20 +44,6 @@ def grey_of(colour_rgb: ImageRgb) -> ByteArray:
     return np.ascontiguousarray(cv2.cvtColor(colour_rgb, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
 
 
-def _half_widths() -> IntArray:
-    y = np.arange(PATCH_RADIUS_PX + 1)
-    return np.asarray(np.sqrt((PATCH_RADIUS_PX + 0.5) ** 2 - y**2).clip(0, PATCH_RADIUS_PX), dtype=np.int32)
-
-
-def _turned_pattern() -> NDArray[np.int8]:
-    """Return (TURN_COUNT, 512, 2): x, y of the points of all comparisons, turned."""
-    points = comparison_pattern().reshape(-1, 2).astype(np.float64)
-    angles = np.arange(TURN_COUNT) * (2 * np.pi / TURN_COUNT)
-    c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
-    turned = np.stack([c * points[:, 0] - s * points[:, 1], s * points[:, 0] + c * points[:, 1]], axis=2)
-    return np.round(turned).astype(np.int8)
-
-
 class FeatureExtractor:
     """Extracts features from frames of one camera; holds tables and scratch images, no memory of earlier frames."""
 
@@ -77,12 +55,11 @@ class FeatureExtractor:
             (round(intrinsics.width_px / SCALE_FACTOR**level), round(intrinsics.height_px / SCALE_FACTOR**level))
             for level in range(LEVEL_COUNT)
         ]
-        self._scratch = [
-            (np.zeros((height, width), np.uint8), np.zeros((height, width), np.uint8)) for width, height in self._sizes
-        ]
+        self._score = [np.zeros((height, width), np.uint8) for width, height in self._sizes]
+        self._sums = [np.zeros((height, width), np.uint16) for width, height in self._sizes]
         self._undistorted = _undistortion_table(intrinsics)
-        self._pattern = _turned_pattern()
-        self._half_widths = _half_widths()
+        self._places = [pattern_places(width) for width, _ in self._sizes]
+        self._disc = disc_weights()
         self._columns = (camera.width_px + GRID_PX - 1) // GRID_PX
         self._rows = (camera.height_px + GRID_PX - 1) // GRID_PX
 
@@ -94,23 +71,18 @@ class FeatureExtractor:
         """Return the features of a grey image (h, w) with its registered depth (h, w)."""
         positions, octaves, angles, descriptors = [], [], [], []
         owed = 0
-        for level, (image, quota, scratch) in enumerate(
-            zip(self._pyramid(grey), self._quotas, self._scratch, strict=True)
-        ):
-            corners = find_corners(image, scratch[0], scratch[1], FAST_HIGH, FAST_LOW, quota + owed, HAS_NINE)
+        for level, (image, quota) in enumerate(zip(self._pyramid(grey), self._quotas, strict=True)):
+            corners = find_corners(image, self._score[level], FAST_HIGH, FAST_LOW, quota + owed)
             owed += quota - len(corners)
             if len(corners) == 0:
                 continue
-            smooth = cv2.GaussianBlur(image, (7, 7), 2.0, sigmaY=2.0, borderType=cv2.BORDER_REFLECT_101)
-            angle, descriptor = describe(
-                image, np.asarray(smooth, dtype=np.uint8), corners, self._pattern, self._half_widths
-            )
+            angle, words = describe(image, self._sums[level], corners, self._places[level], *self._disc)
             # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
             scale = np.array([grey.shape[1] / image.shape[1], grey.shape[0] / image.shape[0]])
             positions.append((corners[:, :2] + 0.5) * scale - 0.5)
             octaves.append(np.full(len(corners), level, np.int32))
             angles.append(angle)
-            descriptors.append(descriptor)
+            descriptors.append(words)
         if not positions:
             nothing = np.zeros((0, DESCRIPTOR_BYTES), np.uint8)
             return self._features(np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros(0), nothing, depth_m)
@@ -118,7 +90,7 @@ class FeatureExtractor:
             np.concatenate(positions),
             np.concatenate(octaves),
             np.concatenate(angles),
-            np.concatenate(descriptors),
+            np.concatenate(descriptors).view(np.uint8),
             depth_m,
         )
 
@@ -160,41 +132,6 @@ def _undistortion_table(intrinsics: CameraIntrinsics) -> Float32Array:
 
 
 # --------------------------------------------------------------------------------------------------- kernels
-@kernel
-def describe(
-    image: ByteArray, smooth: ByteArray, corners: IntArray, pattern: NDArray[np.int8], half_widths: IntArray
-) -> tuple[FloatArray, ByteArray]:
-    """Return orientation (n,) in radians and descriptors (n, 32) of corners (n, ≥2) of one pyramid level."""
-    count = len(corners)
-    turns = pattern.shape[0]
-    angles = np.empty(count, np.float64)
-    descriptors = np.empty((count, 32), np.uint8)
-    for i in range(count):
-        x, y = corners[i, 0], corners[i, 1]
-        m10, m01 = 0, 0
-        for dy in range(-PATCH_RADIUS_PX, PATCH_RADIUS_PX + 1):
-            half = half_widths[abs(dy)]
-            row_sum, row_moment = 0, 0
-            for dx in range(-half, half + 1):
-                value = int(image[y + dy, x + dx])
-                row_sum += value
-                row_moment += dx * value
-            m10 += row_moment
-            m01 += dy * row_sum
-        angle = np.arctan2(float(m01), float(m10))
-        angles[i] = angle
-        turn = int(np.floor(angle * turns / (2 * np.pi) + 0.5)) % turns
-        for byte in range(32):
-            bits = 0
-            for bit in range(8):
-                first = 2 * (8 * byte + bit)
-                a = smooth[y + pattern[turn, first, 1], x + pattern[turn, first, 0]]
-                b = smooth[y + pattern[turn, first + 1, 1], x + pattern[turn, first + 1, 0]]
-                bits |= (1 if a < b else 0) << bit
-            descriptors[i, byte] = bits
-    return angles, descriptors
-
-
 @kernel
 def _depth_near(depth_m: DepthImage, u: float, v: float) -> float:
     """Return the median depth of the 3×3 pixels around a place, NaN where fewer than 3 are known or it is an edge."""

@@ -226,15 +226,18 @@ def keep_common_turn(match: IntArray, angles_from: FloatArray, angles_to: FloatA
             turn -= np.floor(turn)
             bins[i] = int(turn * ROTATION_BINS + 0.5) % ROTATION_BINS
             histogram[bins[i]] += 1
-    order = np.argsort(-histogram)
-    fullest = histogram[order[0]]
+    kept = np.zeros(ROTATION_BINS, np.bool_)
+    fullest = histogram.max()
+    for rank in range(3):
+        best = -1
+        for b in range(ROTATION_BINS):
+            if not kept[b] and (best < 0 or histogram[b] > histogram[best]):
+                best = b
+        if rank > 0 and 10 * histogram[best] < fullest:
+            break
+        kept[best] = True
     for i in range(len(match)):
-        if match[i] < 0 or bins[i] == order[0]:
-            continue
-        kept = False
-        for rank in range(1, 3):
-            kept = kept or (bins[i] == order[rank] and 10 * histogram[order[rank]] >= fullest)
-        if not kept:
+        if match[i] >= 0 and not kept[bins[i]]:
             match[i] = -1
 
 

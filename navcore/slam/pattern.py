@@ -14,7 +14,7 @@ def comparison_pattern() -> NDArray[np.int8]:
     rng = np.random.default_rng(20)
     pairs: list[NDArray[np.int64]] = []
     while len(pairs) < 256:
-        pair = np.round(rng.normal(0.0, 31 / 5, (2, 2))).astype(np.int64)
-        if (np.hypot(pair[:, 0], pair[:, 1]) <= 14.5).all() and np.abs(pair[0] - pair[1]).max() >= 2:
+        pair = np.round(rng.normal(0.0, 7.0, (2, 2))).astype(np.int64)
+        if (np.hypot(pair[:, 0], pair[:, 1]) <= 13.0).all() and np.abs(pair[0] - pair[1]).max() >= 2:
             pairs.append(pair)
     return np.stack(pairs).astype(np.int8)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import sys
 import time
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from device_agent import map_exchange_commands, map_growth_commands
+from device_agent.map_exchange_commands import refuse_unwritable
 from navcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -25,16 +26,19 @@ WARN_TRACKED_SHARE = 0.8
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add ``vbr map build`` and ``vbr localize``."""
+    """Add ``vbr map`` with its actions, and ``vbr localize``."""
     maps = subparsers.add_parser("map", help="make a map of a building")
     actions = maps.add_subparsers(metavar="ACTION", required=True)
     build = actions.add_parser("build", help="build a site from a recorded walk")
     build.add_argument("source", type=Path, metavar="SOURCE", help="recording (a folder in the TUM RGB-D layout)")
     build.add_argument("--site", type=Path, required=True, metavar="DIR", help="folder for the site")
     build.add_argument("--name", help="name of the site (default: that of the folder)")
+    build.add_argument("--date", default="", help="when it was recorded, in whatever form")
     build.add_argument("--json", action="store_true", help="print the figures as JSON")
     _add_settings(build)
     build.set_defaults(run=_build)
+    map_growth_commands.add_actions(actions)
+    map_exchange_commands.add_actions(actions)
     localize = subparsers.add_parser("localize", help="find the camera of a recording in a site")
     localize.add_argument("source", type=Path, metavar="SOURCE", help="recording (a folder in the TUM RGB-D layout)")
     localize.add_argument("--site", type=Path, required=True, metavar="DIR", help="folder of the site")
@@ -67,7 +71,7 @@ def _build(arguments: argparse.Namespace) -> int:
     started_s = time.thread_time()
     with stage_bar() as progress:
         site, built = build_site(
-            recording, arguments.name or default_name(arguments.site), settings.localization, progress
+            recording, arguments.name or default_name(arguments.site), settings.localization, progress, arguments.date
         )
     took_s = time.thread_time() - started_s
     save_site(site, arguments.site)
@@ -101,7 +105,7 @@ def _localize(arguments: argparse.Namespace) -> int:
     recording = open_recording(arguments.source)
     true_trajectory = _true_trajectory(recording)
     if arguments.trajectory is not None:
-        _refuse_unwritable(arguments.trajectory)
+        refuse_unwritable(arguments.trajectory)
     site = load_site(arguments.site)
     slam_map = SlamMap.from_arrays(site.map_arrays)
     localizer = Localizer(slam_map, recording.intrinsics, settings.localization)
@@ -120,11 +124,6 @@ def _localize(arguments: argparse.Namespace) -> int:
     answer = _localization_figures(located, took_s) | _trajectory_error(true_trajectory, matrices)
     _print(arguments.json, answer, _FOUND_WORDS)
     return 0
-
-
-def _refuse_unwritable(path: Path) -> None:
-    if path.is_dir() or not os.access(path if path.exists() else path.parent, os.W_OK):
-        raise InputError(f"{path} cannot be written: name a file in a folder that is there.")
 
 
 def _localization_figures(located: list[Localization], took_s: list[float]) -> dict[str, Any]:

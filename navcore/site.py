@@ -5,13 +5,16 @@
     SITE/
       manifest.json     format, schema version, site id, name, and of every other map file its size and SHA-256
       camera.json       the camera that made the map
+      sessions.json     the recordings that the site is made of, and which of them each road comes from
       map/*.npy         the SLAM map: key frames, landmarks, observations (see navcore.slam.slam_map)
       road/*.npy        the virtual blind road: one polyline (n, 3) for each recorded stretch, metres, floor at z = 0
-      cloud/*.npy       the dense coloured cloud: points_m (n, 3) float32, colours_rgb (n, 3) uint8
-      poi_graph.json    the PoI-graph as last published; it changes without the map, so it stands outside the manifest
+      cloud/*.npy       the dense coloured cloud: points_m (n, 3) float32, colours_rgb (n, 3) uint8, and of each point
+                        weights (n,) float32, view_counts (n,) uint16, sessions (n,) uint64: who saw it
+      poi_graph.json    the PoI-graph as last published, with a checksum; it changes without the map, so it stands
+                        outside the manifest
 
 The same map gives the same bytes. Nothing is ever unpickled. A site that is damaged or newer than this program is
-refused with SiteError, and nothing is changed.
+refused with SiteError, and nothing is changed. A crash while a site is replaced leaves the old one.
 """
 
 from __future__ import annotations
@@ -33,15 +36,42 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.errors import SiteError
+from navcore.folder_swap import recover, swap_in, sync_tree
 from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import PoiGraph
+from navcore.site_files import (
+    FORMAT,
+    MANIFEST,
+    MAX_SITE_BYTES,
+    SCHEMA_VERSION,
+    Manifest,
+    array_of,
+    entry_of,
+    manifest_bytes,
+    npy_bytes,
+    read_checked,
+    read_manifest,
+    write_whole,
+)
+from navcore.site_sessions import Session, SessionTable
 from navcore.types import CameraIntrinsics
 
-FORMAT = "vbr-site"
-SCHEMA_VERSION = 1
-MAX_PACKAGE_BYTES = 1 << 30
+MAX_PACKAGE_BYTES = MAX_SITE_BYTES
+MAX_COORDINATE_M = 100_000.0
 _FOLDERS = ("map", "road", "cloud")
 _GRAPH_FILE = "poi_graph.json"
+_CLOUD_FORMS: dict[str, tuple[type, int]] = {
+    "points_m": (np.float32, 2),
+    "colours_rgb": (np.uint8, 2),
+    "weights": (np.float32, 1),
+    "view_counts": (np.uint16, 1),
+    "sessions": (np.uint64, 1),
+}
+"""Type and number of dimensions of the cloud's arrays; the last three came with the second schema."""
+
+
+def _one_session() -> tuple[Session, ...]:
+    return (Session("1", "First recording"),)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,20 +92,25 @@ class Site:
     poi_graph: PoiGraph = field(default_factory=PoiGraph)
     report: Mapping[str, Any] = field(default_factory=dict)
     """Figures of the map building (key frames, landmarks, …), for people to read."""
+    sessions: tuple[Session, ...] = field(default_factory=_one_session)
+    """The recordings that it is made of."""
+    road_sessions: tuple[int, ...] = ()
+    """For each road the number of its session; all of the first where this is empty."""
+    cloud_weights: NDArray[np.float32] = field(default_factory=lambda: np.zeros(0, np.float32))
+    """(n,): how well each point is known, 1/m²; 1 for all where this is empty."""
+    cloud_view_counts: NDArray[np.uint16] = field(default_factory=lambda: np.zeros(0, np.uint16))
+    """(n,): key frames that saw it; 1 where this is empty."""
+    cloud_sessions: NDArray[np.uint64] = field(default_factory=lambda: np.zeros(0, np.uint64))
+    """(n,): bit s is set where session s saw it; the first where this is empty."""
 
-
-class _FileEntry(msgspec.Struct, forbid_unknown_fields=True):
-    size: int
-    sha256: str
-
-
-class _Manifest(msgspec.Struct):
-    format: str
-    schema_version: int
-    site_id: str
-    name: str
-    files: dict[str, _FileEntry]
-    report: dict[str, Any] = {}
+    def __post_init__(self) -> None:
+        count = len(self.cloud_points_m)
+        for name in ("cloud_weights", "cloud_view_counts", "cloud_sessions"):
+            given: NDArray[Any] = getattr(self, name)
+            if not len(given):
+                object.__setattr__(self, name, np.ones(count, given.dtype))
+        if not self.road_sessions:
+            object.__setattr__(self, "road_sessions", (0,) * len(self.roads_m))
 
 
 def save_site(site: Site, folder: Path) -> None:
@@ -100,8 +135,9 @@ def prepare_site_folder(folder: Path) -> None:
     """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
+        recover(folder)
         is_foreign = folder.exists() and (
-            not folder.is_dir() or (any(folder.iterdir()) and not (folder / "manifest.json").exists())
+            not folder.is_dir() or (any(folder.iterdir()) and not (folder / MANIFEST).exists())
         )
         Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent)).rmdir()
     except OSError as error:
@@ -115,42 +151,51 @@ def _replace_site(site: Site, folder: Path) -> None:
     try:
         _write_site(site, fresh)
         fresh.chmod(0o755)
-        if folder.exists():
-            old = Path(tempfile.mkdtemp(prefix=f".{folder.name}-old-", dir=folder.parent))
-            os.replace(folder, old)
-            os.replace(fresh, folder)
-            shutil.rmtree(old)
-        else:
-            os.replace(fresh, folder)
+        sync_tree(fresh)
+        swap_in(fresh, folder)
     finally:
         shutil.rmtree(fresh, ignore_errors=True)
 
 
 def load_site(folder: Path) -> Site:
     """Read and check a site. Raises SiteError with what is wrong and what to do."""
-    manifest = _read_manifest(folder)
-    contents = {name: _read_checked(folder, name, entry) for name, entry in manifest.files.items()}
-    arrays = {name: _array(folder, name, data) for name, data in contents.items() if name.endswith(".npy")}
+    recover(folder)
+    manifest = read_manifest(folder)
+    contents = {name: read_checked(folder, name, entry) for name, entry in manifest.files.items()}
+    arrays = {name: array_of(folder, name, data) for name, data in contents.items() if name.endswith(".npy")}
     by_folder: dict[str, dict[str, NDArray[Any]]] = {part: {} for part in _FOLDERS}
     for name, array in arrays.items():
         part, _, file = name.partition("/")
         by_folder.setdefault(part, {})[file.removesuffix(".npy")] = array
+    roads = tuple(by_folder["road"][name] for name in sorted(by_folder["road"]))
     try:
         intrinsics = msgspec.json.decode(contents["camera.json"], type=CameraIntrinsics)
-        points, colours = by_folder["cloud"]["points_m"], by_folder["cloud"]["colours_rgb"]
+        table = _session_table(manifest, contents.get("sessions.json"))
+        cloud = _checked_cloud(folder, by_folder["cloud"])
     except (KeyError, msgspec.MsgspecError) as error:
         raise SiteError(f"The site {folder} is incomplete ({error}): build the map again.") from error
-    roads = tuple(by_folder["road"][name] for name in sorted(by_folder["road"]))
-    _check_shapes(folder, roads, points, colours)
+    _check_roads(folder, roads, table)
     return Site(
-        manifest.site_id, manifest.name, intrinsics, by_folder["map"], roads, points, colours,
-        load_poi_graph(folder), manifest.report,
+        manifest.site_id, manifest.name, intrinsics, by_folder["map"], roads, cloud["points_m"], cloud["colours_rgb"],
+        load_poi_graph(folder), manifest.report, table.sessions, table.road_sessions,
+        *(cloud.get(name, np.zeros(0, dtype)) for name, (dtype, _) in list(_CLOUD_FORMS.items())[2:]),
     )  # fmt: skip
+
+
+def _session_table(manifest: Manifest, data: bytearray | None) -> SessionTable:
+    """A site of the first schema was made of one recording."""
+    if data is not None:
+        return msgspec.json.decode(data, type=SessionTable)
+    if manifest.schema_version > 1:
+        raise KeyError("sessions.json")
+    frames = manifest.report.get("frames", 0)
+    return SessionTable((Session("1", manifest.name, frame_count=frames if isinstance(frames, int) else 0),))
 
 
 def map_checksum(folder: Path) -> str:
     """Return the SHA-256 (hex) that names this map: two sites with the same one hold the same map."""
-    manifest = _read_manifest(folder)
+    recover(folder)
+    manifest = read_manifest(folder)
     digest = hashlib.sha256()
     for name in sorted(manifest.files):
         digest.update(f"{name}\n{manifest.files[name].sha256}\n".encode())
@@ -163,26 +208,39 @@ def load_poi_graph(folder: Path) -> PoiGraph:
     if not path.exists():
         return PoiGraph()
     try:
-        graph = msgspec.json.decode(path.read_bytes(), type=PoiGraph)
-    except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
+        raw = json.loads(path.read_bytes())
+        checksum = raw.pop("sha256", None)
+        graph = msgspec.convert(raw, PoiGraph)
+    except (OSError, ValueError, RecursionError, AttributeError, TypeError) as error:
         raise SiteError(f"{path} is damaged ({error}): publish the PoI-graph again from the console.") from error
     if (loose := graph.loose_edge()) is not None:
         raise SiteError(
             f"{path} is damaged (edge {loose.id} does not join two of its places): publish the PoI-graph again from the"
             " console."
         )
+    if checksum not in (None, _graph_checksum(graph)):
+        raise SiteError(
+            f"{path} is damaged (its checksum is another): publish the PoI-graph again from the console, or, if you"
+            " changed it by hand, delete its sha256."
+        )
     return graph
+
+
+def _graph_checksum(graph: PoiGraph) -> str:
+    return hashlib.sha256(msgspec.json.encode(graph)).hexdigest()
 
 
 def save_poi_graph(graph: PoiGraph, folder: Path) -> None:
     """Replace the published PoI-graph of a site in one step."""
-    _write_whole(folder / _GRAPH_FILE, msgspec.json.format(msgspec.json.encode(graph), indent=1))
+    sealed = {"sha256": _graph_checksum(graph), **msgspec.to_builtins(graph)}
+    write_whole(folder / _GRAPH_FILE, msgspec.json.format(msgspec.json.encode(sealed), indent=1))
 
 
 def pack_site(folder: Path) -> bytes:
     """Return the site as one package (zip); the same site gives the same bytes. Raises SiteError."""
-    manifest = _read_manifest(folder)
-    names = ["manifest.json", *sorted(manifest.files)]
+    recover(folder)
+    manifest = read_manifest(folder)
+    names = [MANIFEST, *sorted(manifest.files)]
     if (folder / _GRAPH_FILE).exists():
         names.append(_GRAPH_FILE)
     out = io.BytesIO()
@@ -230,87 +288,50 @@ def _extract(package_bytes: bytes, folder: Path) -> None:
 
 
 def _write_site(site: Site, folder: Path) -> None:
-    files: dict[str, bytes] = {"camera.json": msgspec.json.encode(site.intrinsics)}
+    table = SessionTable(site.sessions, site.road_sessions)
+    files: dict[str, bytes] = {
+        "camera.json": msgspec.json.encode(site.intrinsics),
+        "sessions.json": msgspec.json.format(msgspec.json.encode(table), indent=1),
+    }
     for name, array in site.map_arrays.items():
-        files[f"map/{name}.npy"] = _npy(array)
+        files[f"map/{name}.npy"] = npy_bytes(array)
     for index, road in enumerate(site.roads_m):
-        files[f"road/{index:03d}.npy"] = _npy(road)
-    files["cloud/points_m.npy"] = _npy(site.cloud_points_m)
-    files["cloud/colours_rgb.npy"] = _npy(site.cloud_colours_rgb)
+        files[f"road/{index:03d}.npy"] = npy_bytes(road)
+    for name in _CLOUD_FORMS:
+        files[f"cloud/{name}.npy"] = npy_bytes(getattr(site, f"cloud_{name}"))
     for part in _FOLDERS:
         (folder / part).mkdir()
-    entries = {name: _FileEntry(len(data), hashlib.sha256(data).hexdigest()) for name, data in sorted(files.items())}
+    entries = {name: entry_of(data) for name, data in sorted(files.items())}
     for name, data in files.items():
         (folder / name).write_bytes(data)
-    manifest = _Manifest(FORMAT, SCHEMA_VERSION, site.site_id, site.name, entries, dict(site.report))
-    (folder / "manifest.json").write_bytes(msgspec.json.format(msgspec.json.encode(manifest), indent=1))
+    manifest = Manifest(FORMAT, SCHEMA_VERSION, site.site_id, site.name, entries, dict(site.report))
+    (folder / MANIFEST).write_bytes(manifest_bytes(manifest))
     save_poi_graph(site.poi_graph, folder)
 
 
-def _read_manifest(folder: Path) -> _Manifest:
-    path = folder / "manifest.json"
-    if not path.exists():
-        raise SiteError(f"There is no site at {folder}: build one with `vbr map build RECORDING --site {folder}`.")
-    try:
-        raw = json.loads(path.read_bytes())
-        _refuse_newer(folder, raw)
-        manifest = msgspec.convert(raw, _Manifest)
-    except (OSError, ValueError, RecursionError) as error:
-        raise SiteError(f"{path} is damaged ({error}): build the map again, or take it from a backup.") from error
-    if manifest.format != FORMAT or manifest.schema_version < 1:
-        raise SiteError(f"{folder} is not a site of this program: name a folder made by `vbr map build`.")
-    return manifest
+def _checked_cloud(folder: Path, cloud: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    count = len(cloud["points_m"])
+    for name, array in cloud.items():
+        form = _CLOUD_FORMS.get(name)
+        shape = (count, 3)[: form[1]] if form else None
+        if form is None or array.dtype != form[0] or array.shape != shape:
+            raise _of_another_form(folder)
+    colours, points = cloud["colours_rgb"], cloud["points_m"]
+    if len(colours) != count or not (np.abs(points) <= MAX_COORDINATE_M).all():
+        raise _of_another_form(folder)
+    return cloud
 
 
-def _refuse_newer(folder: Path, raw: object) -> None:
-    """A newer manifest may have another form: its version is looked at before anything else."""
-    version = raw.get("schema_version") if isinstance(raw, dict) and raw.get("format") == FORMAT else None
-    if isinstance(version, int) and version > SCHEMA_VERSION:
-        raise SiteError(
-            f"The site {folder} was written by a newer program (schema {version}, this one knows"
-            f" {SCHEMA_VERSION}): update this program."
-        )
+def _check_roads(folder: Path, roads: tuple[NDArray[Any], ...], table: SessionTable) -> None:
+    for road in roads:
+        if road.ndim != 2 or road.shape[1] != 3 or road.dtype != np.float64:
+            raise _of_another_form(folder)
+        if not (np.abs(road) <= MAX_COORDINATE_M).all():
+            raise SiteError(f"The site {folder} holds a road that is nowhere: build the map again.")
+    numbers = table.road_sessions
+    if numbers and (len(numbers) != len(roads) or not all(0 <= n < len(table.sessions) for n in numbers)):
+        raise _of_another_form(folder)
 
 
-def _read_checked(folder: Path, name: str, entry: _FileEntry) -> bytes:
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts:
-        raise SiteError(f"The site {folder} names a file outside itself ({name}): build the map again.")
-    try:
-        data = (folder / path).read_bytes()
-    except OSError as error:
-        raise SiteError(f"The site {folder} lacks {name}: build the map again, or take it from a backup.") from error
-    if len(data) != entry.size or hashlib.sha256(data).hexdigest() != entry.sha256:
-        raise SiteError(f"{name} of the site {folder} is damaged: build the map again, or take it from a backup.")
-    return data
-
-
-def _array(folder: Path, name: str, data: bytes) -> NDArray[Any]:
-    try:
-        return np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise SiteError(f"{name} of the site {folder} is no array ({error}): build the map again.") from error
-
-
-def _check_shapes(folder: Path, roads: tuple[NDArray[Any], ...], points: NDArray[Any], colours: NDArray[Any]) -> None:
-    good_roads = all(road.ndim == 2 and road.shape[1] == 3 and road.dtype == np.float64 for road in roads)
-    good_cloud = points.ndim == 2 and points.shape[1] == 3 and points.shape == colours.shape
-    if not good_roads or not good_cloud or points.dtype != np.float32 or colours.dtype != np.uint8:
-        raise SiteError(f"The site {folder} holds arrays of another form: build the map again.")
-
-
-def _npy(array: NDArray[Any]) -> bytes:
-    out = io.BytesIO()
-    np.lib.format.write_array(out, np.ascontiguousarray(array), version=(1, 0), allow_pickle=False)
-    return out.getvalue()
-
-
-def _write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step: a reader, or a crash, meets the old one or the new one."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    with os.fdopen(handle, "wb") as out:
-        out.write(data)
-        out.flush()
-        os.fsync(out.fileno())
-    os.chmod(name, 0o644)
-    os.replace(name, path)
+def _of_another_form(folder: Path) -> SiteError:
+    return SiteError(f"The site {folder} holds arrays of another form: build the map again.")

@@ -13,18 +13,21 @@ from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark, Recording, read_marks
 from navcore.settings import LocalizationSettings
 from navcore.site import Site
+from navcore.site_growth import recording_session
 from navcore.slam.map_build import MapBuild, Progress, build_map
 from navcore.tagging import graph_from_marks
 
 
 def build_site(
-    recording: Recording, name: str, settings: LocalizationSettings, progress: Progress
+    recording: Recording, name: str, settings: LocalizationSettings, progress: Progress, date: str = ""
 ) -> tuple[Site, MapBuild]:
     """Build the site of a recording, and return it with what it was made from.
 
-    Raises RecordingError for damaged input and MappingError where no map can be made.
+    ``date`` says when the recording was made, in whatever form. Raises RecordingError for damaged input and
+    MappingError where no map can be made.
     """
     marks = read_marks(recording.folder / "marks.txt")
+    session = recording_session(recording, default_name(recording.folder), date)
     built = build_map(recording, settings.feature_count, progress)
     site = Site(
         site_id=_site_id(built),
@@ -36,6 +39,10 @@ def build_site(
         cloud_colours_rgb=built.cloud.colours_rgb,
         poi_graph=_named_places(marks, built),
         report=figures(built),
+        sessions=(session,),
+        cloud_weights=built.cloud.weights,
+        cloud_view_counts=built.cloud.view_counts,
+        cloud_sessions=built.cloud.sessions,
     )
     return site, built
 
@@ -51,14 +58,14 @@ def _named_places(marks: Sequence[Mark], built: MapBuild) -> PoiGraph:
 def figures(built: MapBuild) -> dict[str, float | int | str]:
     """Return what a person wants to know about a map; the same map gives the same figures."""
     return {
-        "frames": built.frame_count,
+        "frames": built.level_map.frame_count,
         "tracked_share": round(built.tracked_share, 4),
         "keyframes": built.slam_map.keyframe_count,
         "landmarks": len(built.slam_map.positions),
-        "loops_closed": built.loop_count,
+        "loops_closed": built.level_map.loop_count,
         "road_m": round(built.road_length_m, 2),
         "cloud_points": len(built.cloud),
-        "leveling": built.leveling.note,
+        "leveling": built.level_map.leveling.note,
     }
 
 

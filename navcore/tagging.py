@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,16 +12,17 @@ import numpy as np
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
 from navcore.planning.edits import add_poi, propose_edges
-from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.poi_graph import Poi, PoiGraph
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark
 
 MAX_MARK_GAP_S = 1.0
 """A place that was named while the camera was not tracked for this long has no known position and is left out."""
 
-
 JUNCTION_CLEARANCE_M = 1.5
 """A place that was named nearer than this to where roads meet stands for the junction."""
+SAME_PLACE_M = 3.0
+"""What is called the same, nearer than this, is the same place."""
 
 
 def graph_from_marks(
@@ -33,17 +35,24 @@ def graph_from_marks(
     """
     graph = PoiGraph()
     for mark in marks:
-        nearest = int(np.argmin(np.abs(stamps_s - mark.stamp_s)))
-        if abs(float(stamps_s[nearest]) - mark.stamp_s) > MAX_MARK_GAP_S:
-            continue
-        x_m, y_m = (float(value) for value in positions_m[nearest, :2])
-        if mark.kind == "junction":
-            x_m, y_m = _at_junction(network, x_m, y_m)
-        graph = add_poi(graph, network, name=mark.name, kind=mark.kind, x_m=x_m, y_m=y_m)
+        place = _place_of(mark, stamps_s, positions_m, network)
+        if place is not None:
+            graph = add_poi(graph, network, name=mark.name, kind=mark.kind, x_m=place[0], y_m=place[1])
     # A single place, or places on roads that do not meet, have no edges to propose; the places stay.
     with contextlib.suppress(InputError):
         graph = propose_edges(_with_junctions(graph, network), network)
     return PoiGraph(1, graph.pois, graph.edges)
+
+
+def _place_of(
+    mark: Mark, stamps_s: FloatArray, positions_m: FloatArray, network: RoadNetwork
+) -> tuple[float, float] | None:
+    """Return where a place was named; None where the camera was not tracked."""
+    nearest = int(np.argmin(np.abs(stamps_s - mark.stamp_s)))
+    if abs(float(stamps_s[nearest]) - mark.stamp_s) > MAX_MARK_GAP_S:
+        return None
+    x_m, y_m = (float(value) for value in positions_m[nearest, :2])
+    return _at_junction(network, x_m, y_m) if mark.kind == "junction" else (x_m, y_m)
 
 
 def _at_junction(network: RoadNetwork, x_m: float, y_m: float) -> tuple[float, float]:
@@ -60,10 +69,55 @@ def _at_junction(network: RoadNetwork, x_m: float, y_m: float) -> tuple[float, f
 
 def _with_junctions(graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
     """Add a PoI where roads meet and nothing was named: without it, edges would lie upon each other."""
-    count = 0
+    numbered = [re.fullmatch(r"Junction (\d{1,6})", poi.name) for poi in graph.pois.values()]
+    count = max((int(found[1]) for found in numbered if found), default=0)
     for vertex in network.junctions():
         x_m, y_m = (float(value) for value in network.vertices_m[vertex])
-        if all(math.hypot(poi.x_m - x_m, poi.y_m - y_m) > JUNCTION_CLEARANCE_M for poi in graph.pois.values()):
+        if _is_free(graph, x_m, y_m):
             count += 1
             graph = add_poi(graph, network, name=f"Junction {count}", kind="junction", x_m=x_m, y_m=y_m)
     return graph
+
+
+def _is_free(graph: PoiGraph, x_m: float, y_m: float) -> bool:
+    return all(math.hypot(poi.x_m - x_m, poi.y_m - y_m) > JUNCTION_CLEARANCE_M for poi in graph.pois.values())
+
+
+def places_to_add(
+    graph: PoiGraph,
+    marks: Sequence[Mark],
+    stamps_s: FloatArray,
+    positions_m: FloatArray,
+    known: RoadNetwork,
+    network: RoadNetwork,
+) -> dict[str, Poi]:
+    """Return what a further recording adds to a graph: the places named in it, and where its roads meet others.
+
+    ``graph`` holds the old places where they lie now; ``known`` is the old road, ``network`` the new one. A place that
+    was named before, of the same kind and nearer than :data:`SAME_PLACE_M`, is not added again.
+    """
+    before = graph
+    for mark in marks:
+        place = _place_of(mark, stamps_s, positions_m, network)
+        if place is not None and not _is_known(graph, mark, place):
+            graph = add_poi(graph, network, name=mark.name, kind=mark.kind, x_m=place[0], y_m=place[1])
+    was_junction = {
+        key
+        for key, poi in _with_junctions(graph, network).pois.items()
+        if key not in graph.pois and not _is_new_junction(poi, known)
+    }
+    pois = _with_junctions(graph, network).pois
+    return {key: poi for key, poi in pois.items() if key not in before.pois and key not in was_junction}
+
+
+def _is_known(graph: PoiGraph, mark: Mark, place: tuple[float, float]) -> bool:
+    return any(
+        (poi.name, poi.kind) == (mark.name, mark.kind) and math.dist((poi.x_m, poi.y_m), place) < SAME_PLACE_M
+        for poi in graph.pois.values()
+    )
+
+
+def _is_new_junction(poi: Poi, known: RoadNetwork) -> bool:
+    """Whether no roads met there before: what the caregiver has deleted does not come back."""
+    junctions = known.vertices_m[known.junctions()]
+    return not len(junctions) or float(np.hypot(*(junctions - (poi.x_m, poi.y_m)).T).min()) > JUNCTION_CLEARANCE_M

@@ -163,7 +163,7 @@ def test_a_damaged_site_is_refused_by_every_command(
 
 def test_a_newer_site_and_a_map_of_another_form_are_refused(refusal: Refusal, recording: Path, site: Path) -> None:
     assert "The map is damaged" in refusal("localize", "--site", site, recording)
-    replaced("manifest.json", '"schema_version": 1', '"schema_version": 2')(site)
+    replaced("manifest.json", '"schema_version": 2', '"schema_version": 3')(site)
     assert "newer program" in refusal("localize", "--site", site, recording)
 
 

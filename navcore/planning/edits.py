@@ -70,7 +70,7 @@ def move_poi(
         raise InputError(f"{poi.name} has edges along the road and must stay on it: delete its edges first.")
     moved = msgspec.structs.replace(poi, x_m=x_m, y_m=y_m, on_road=on_road)
     pois = {**graph.pois, poi_id: moved}
-    followed = {edge.id: _along_road(network, pois, edge) for edge in ends}
+    followed = {edge.id: along_road(network, pois, edge) for edge in ends}
     return _next(graph, pois=pois, edges={**graph.edges, **followed})
 
 
@@ -114,10 +114,10 @@ def add_edge(graph: PoiGraph, network: RoadNetwork, a: str, b: str, *, edge_id: 
         raise InputError(f"An edge needs two different places, not {first.name} twice.")
     if edge_between(graph, a, b) is not None:
         raise InputError(f"{first.name} and {second.name} are joined already: change that edge instead.")
-    edge_id = _free_edge_id(graph.edges) if edge_id is None else edge_id
+    edge_id = free_edge_id(graph.edges) if edge_id is None else edge_id
     if edge_id in graph.edges:
         raise InputError(f"There is an edge with the identifier {edge_id!r} already: choose another one.")
-    edge = _along_road(network, graph.pois, Edge(edge_id, a, b, (), 0.0))
+    edge = along_road(network, graph.pois, Edge(edge_id, a, b, (), 0.0))
     return _next(graph, edges={**graph.edges, edge_id: edge})
 
 
@@ -154,8 +154,8 @@ def propose_edges(graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
     edges = dict(graph.edges)
     for (a, b), piece in neighbour_pieces(network, points).items():
         if frozenset((a, b)) not in joined and math.dist(points[a].xy_m, points[b].xy_m) >= _SAME_PLACE_M:
-            edge_id = _free_edge_id(edges)
-            edges[edge_id] = _edge_of_piece(Edge(edge_id, a, b, (), 0.0), graph.pois, piece)
+            edge_id = free_edge_id(edges)
+            edges[edge_id] = edge_of_piece(Edge(edge_id, a, b, (), 0.0), graph.pois, piece)
     if len(edges) == len(graph.edges):
         raise InputError("All places that are neighbours along the road are joined already.")
     return _next(graph, edges=edges)
@@ -206,7 +206,8 @@ def free_poi_id(graph: PoiGraph, name: str) -> str:
     return next(f"{stem}-{n}" for n in itertools.count(2) if f"{stem}-{n}" not in graph.pois)
 
 
-def _free_edge_id(edges: Mapping[str, Edge]) -> str:
+def free_edge_id(edges: Mapping[str, Edge]) -> str:
+    """Return an identifier that no edge has."""
     numbers = [int(key[1:]) for key in edges if re.fullmatch(r"e[0-9]{1,9}", key)]
     return f"e{max(numbers, default=0) + 1}"
 
@@ -254,7 +255,8 @@ def _checked_poi(poi: Poi) -> Poi:
         raise InputError(f"The place {poi.name[:80]!r} is not usable ({error}): correct it.") from error
 
 
-def _along_road(network: RoadNetwork, pois: Mapping[str, Poi], edge: Edge) -> Edge:
+def along_road(network: RoadNetwork, pois: Mapping[str, Poi], edge: Edge) -> Edge:
+    """Return the edge with the shortest piece of road between its ends. Raises InputError where there is none."""
     first, second = pois[edge.a], pois[edge.b]
     for poi in (first, second):
         if not poi.on_road:
@@ -270,10 +272,11 @@ def _along_road(network: RoadNetwork, pois: Mapping[str, Poi], edge: Edge) -> Ed
         raise InputError(
             f"No road leads from {first.name} to {second.name}: record the walk between them, or choose others."
         ) from error
-    return _edge_of_piece(edge, pois, piece)
+    return edge_of_piece(edge, pois, piece)
 
 
-def _edge_of_piece(edge: Edge, pois: Mapping[str, Poi], piece: RoadPiece) -> Edge:
+def edge_of_piece(edge: Edge, pois: Mapping[str, Poi], piece: RoadPiece) -> Edge:
+    """Return the edge with a piece of road as its own, from one of its places exactly to the other."""
     path = piece.path_m.copy()
     path[0] = pois[edge.a].x_m, pois[edge.a].y_m
     path[-1] = pois[edge.b].x_m, pois[edge.b].y_m

@@ -43,17 +43,16 @@ def spanning_parents(slam_map: SlamMap) -> IntArray:
     return parent
 
 
-def session_groups(slam_map: SlamMap) -> IntArray:
-    """Return for each recording (S,) the number of the group that it hangs together with."""
-    count = slam_map.session_count
+def session_groups(slam_map: SlamMap) -> dict[int, int]:
+    """Return for each recording of the map the number of the group that it hangs together with."""
+    sessions, session = np.unique(slam_map.keyframe_session, return_inverse=True)
     rows, columns, shared = _shared_pairs(slam_map)
-    session = slam_map.keyframe_session
-    between = np.zeros((count, count), np.int64)
+    between = np.zeros((len(sessions), len(sessions)), np.int64)
     np.add.at(between, (session[rows], session[columns]), shared)
     edges = session[slam_map.loop_edges]
-    between[edges[:, 0], edges[:, 1]] += MIN_SHARED
+    np.add.at(between, (edges[:, 0], edges[:, 1]), MIN_SHARED)
     _, group = connected_components(coo_array(between + between.T >= MIN_SHARED), directed=False)
-    return np.asarray(group, dtype=np.int32)
+    return dict(zip(sessions.tolist(), group.tolist(), strict=True))
 
 
 def _shared_pairs(slam_map: SlamMap) -> tuple[IntArray, IntArray, IntArray]:

@@ -49,14 +49,30 @@ class DenseCloud:
     """(n, 3)."""
     is_ceiling: BoolArray
     """(n,): higher than a person can reach; leave it out to look into the rooms from above."""
+    weights: NDArray[np.float32]
+    """(n,): sum of 1/z² over the measurements that made each point, 1/m²."""
+    view_counts: NDArray[np.uint16]
+    """(n,): key frames that saw it."""
+    sessions: NDArray[np.uint64]
+    """(n,): bit s is set where recording s saw it."""
 
     def __len__(self) -> int:
         return len(self.points_m)
 
+    def chosen(self, kept: BoolArray) -> DenseCloud:
+        """Return the points that are marked (n,)."""
+        return DenseCloud(
+            self.points_m[kept],
+            self.colours_rgb[kept],
+            self.is_ceiling[kept],
+            self.weights[kept],
+            self.view_counts[kept],
+            self.sessions[kept],
+        )
+
     def below_ceiling(self) -> DenseCloud:
         """Return the cloud without the ceiling."""
-        kept = ~self.is_ceiling
-        return DenseCloud(self.points_m[kept], self.colours_rgb[kept], self.is_ceiling[kept])
+        return self.chosen(~self.is_ceiling)
 
 
 def fuse(
@@ -79,8 +95,9 @@ def fuse(
 class VoxelFusion:
     """Collects views one by one, so that a caller can show progress."""
 
-    def __init__(self, intrinsics: CameraIntrinsics, voxel_m: float = VOXEL_M) -> None:
+    def __init__(self, intrinsics: CameraIntrinsics, voxel_m: float = VOXEL_M, session: int = 0) -> None:
         self._intrinsics = intrinsics
+        self._session = session
         self._voxel_m = voxel_m
         self._keys = np.full(1 << 16, -1, np.int64)
         self._sums = np.zeros((1 << 16, _COLUMNS))
@@ -122,28 +139,36 @@ class VoxelFusion:
         sums = self._sums[used]
         sure = (sums[:, 7] >= 2.0) | (sums[:, 8] < SURE_DEPTH_M) if self._views > 1 else np.ones(len(sums), np.bool_)
         sums = sums[sure & (sums[:, 0] >= MIN_WEIGHT)]
-        sums = sums[self._is_there(sums)]
+        sums = sums[~self.looks_through(_places(sums), sums[:, 7])]
         voxel_m = self._voxel_m
         while len(sums) > max_points:
             voxel_m *= 1.25
             sums = _coarser(sums, voxel_m)
-        weight = np.maximum(sums[:, 0:1], 1e-12)
-        points = (sums[:, 1:4] / weight).astype(np.float32)
-        colours = np.clip(np.round(sums[:, 4:7] / weight), 0, 255).astype(np.uint8)
-        return DenseCloud(points, colours, points[:, 2] > ceiling_m)
+        points = _places(sums).astype(np.float32)
+        colours = np.clip(np.round(sums[:, 4:7] / np.maximum(sums[:, 0:1], 1e-12)), 0, 255).astype(np.uint8)
+        return DenseCloud(
+            points,
+            colours,
+            points[:, 2] > ceiling_m,
+            sums[:, 0].astype(np.float32),
+            np.minimum(sums[:, 7], 65_535).astype(np.uint16),
+            np.full(len(points), np.uint64(1) << np.uint64(self._session)),
+        )
 
-    def _is_there(self, sums: FloatArray) -> BoolArray:
-        """Return which voxels the key frames do not look through."""
-        if not self._views:
-            return np.zeros(0, np.bool_)
+    def looks_through(self, points_m: FloatArray, view_counts: FloatArray) -> BoolArray:
+        """Return which points (n, 3), seen by so many key frames (n,), the views look through: not there any more."""
         camera = self._intrinsics
         stride = max(camera.width_px // IMAGE_COLUMNS, 1)
-        points = np.ascontiguousarray(sums[:, 1:4] / np.maximum(sums[:, 0:1], 1e-12))
+        points = np.ascontiguousarray(points_m, dtype=np.float64)
         through = np.zeros(len(points), np.int32)
         thin = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px]) / stride
         for pose, depth_mm in zip(self._poses, self._depths_mm, strict=True):
             _count_through(points, pose, depth_mm, thin, through)
-        return np.asarray((through < 2) | (through <= MAX_THROUGH_SHARE * sums[:, 7]))
+        return np.asarray((through >= 2) & (through > MAX_THROUGH_SHARE * view_counts))
+
+
+def _places(sums: FloatArray) -> FloatArray:
+    return np.asarray(sums[:, 1:4] / np.maximum(sums[:, 0:1], 1e-12))
 
 
 def _coarser(sums: FloatArray, voxel_m: float) -> FloatArray:

@@ -38,7 +38,7 @@ NEIGHBOURS = 6
 """Such key frames whose landmarks are looked for in one."""
 WELD_RADII_PX = (8.0, 4.0)
 """Search radii of the two rounds of fusion, at pyramid level 0, in an image 640 pixels wide."""
-CLOSE_M = 1.0
+CLOSE_M = 1.5
 """Key frames nearer than this that look the same way must share landmarks: …"""
 MIN_SHARED = 20
 """… so many, …"""
@@ -51,7 +51,7 @@ class Joined:
     """One map of two."""
 
     slam_map: SlamMap
-    """In the known map's frame; the new map's sessions follow the known one's."""
+    """In the known map's frame; the new map's key frames follow the known one's."""
     known: Deformation
     """How the known map's key frames moved."""
     new: Deformation
@@ -60,13 +60,20 @@ class Joined:
     """Key frames of the new map that were recognised in the known one and agree."""
 
 
-def join(known: SlamMap, new: SlamMap, seed: int = 0) -> Joined:
+def join(known: SlamMap, new: SlamMap, session: int, seed: int = 0) -> Joined:
     """Join a level map of another recording to a known one; the same maps and seed give the same bytes.
+
+    The new map's recording gets the number ``session``, which must be higher than the known one's.
 
     Raises MappingError, with what to do, where they do not overlap, overlap too little to be sure, or were recorded
     with cameras that are too different.
     """
     _refuse_foreign_camera(known, new)
+    new = replace(
+        new,
+        keyframe_session=np.full_like(new.keyframe_session, session),
+        trajectory_session=np.full_like(new.trajectory_session, session),
+    )
     builder, known_index, new_index = _side_by_side(known, new, np.eye(4))
     overlap = find_overlap(builder, known_index, new_index, known.places, seed)
     builder, known_index, new_index = _side_by_side(known, new, overlap.known_from_new)
@@ -91,7 +98,7 @@ def _refuse_foreign_camera(known: SlamMap, new: SlamMap) -> None:
 def _side_by_side(known: SlamMap, new: SlamMap, known_from_new: FloatArray) -> tuple[MapBuilder, IntArray, IntArray]:
     """Return a builder that holds both maps, and the key frames (a,) and (b,) of each."""
     builder = thaw(known, int(np.diff(new.feature_start).max()))
-    new_index = graft(builder, new, known_from_new, known.session_count)
+    new_index = graft(builder, new, known_from_new)
     return builder, np.arange(known.keyframe_count, dtype=np.int32), new_index
 
 
@@ -135,7 +142,7 @@ def _refuse_contradiction(builder: MapBuilder, known: IntArray, new: IntArray) -
             shared = np.isin(row[row >= 0], local_landmarks(builder, near))
             expected += 1
             met += int(np.count_nonzero(shared) >= MIN_SHARED)
-    if met < MIN_SHARED_SHARE * expected or met < 2:
+    if met < MIN_SHARED_SHARE * expected:
         raise MappingError(
             f"This recording was recognised in the site's map, but then only {met} of {expected} views agree with what"
             " the map shows there: record again, more slowly, looking the way that part was recorded."
@@ -150,7 +157,7 @@ def _as_one_map(builder: MapBuilder, known: SlamMap, new: SlamMap, matches: int,
     poses = builder.camera_from_world.copy()
     stamps = np.concatenate([known.trajectory_stamp_s, new.trajectory_stamp_s])
     trajectory = np.concatenate([carried_trajectory(known, poses[:count]), carried_trajectory(new, poses[count:])])
-    sessions = np.concatenate([known.trajectory_session, new.trajectory_session + known.session_count])
+    sessions = np.concatenate([known.trajectory_session, new.trajectory_session])
     frozen = freeze(builder, trained_places(builder, seed), list(zip(stamps, trajectory, strict=True)), sessions)
     slam_map = replace(frozen, parent=spanning_parents(frozen)).transformed(keep_frame)
     after = slam_map.camera_from_world
@@ -168,7 +175,7 @@ def carried_trajectory(slam_map: SlamMap, camera_from_world: FloatArray) -> Floa
     Each frame goes with the key frame of its recording that is nearest in time.
     """
     nearest = np.zeros(len(slam_map.trajectory), np.int64)
-    for session in range(slam_map.session_count):
+    for session in np.unique(slam_map.keyframe_session).tolist():
         keyframes = np.flatnonzero(slam_map.keyframe_session == session)
         frames = np.flatnonzero(slam_map.trajectory_session == session)
         if len(keyframes) and len(frames):

@@ -84,11 +84,6 @@ class SlamMap:
         """K."""
         return len(self.keyframe_stamp_s)
 
-    @property
-    def session_count(self) -> int:
-        """How many recordings the map is made of."""
-        return int(self.keyframe_session[-1]) + 1
-
     def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
         """Return the key frames that see any of the landmarks, best first, and how many of them each sees."""
         counts = _seen_by_each(self.observer_start, self.observer, landmarks.astype(np.int32), self.keyframe_count)

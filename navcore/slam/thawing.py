@@ -20,15 +20,15 @@ def thaw(slam_map: SlamMap, features_per_frame: int = 0) -> MapBuilder:
     """
     most = int(np.diff(slam_map.feature_start).max())
     builder = MapBuilder(slam_map.camera, max(features_per_frame, most))
-    graft(builder, slam_map, np.eye(4), 0)
-    builder.session = slam_map.session_count
+    graft(builder, slam_map, np.eye(4))
+    builder.session = int(slam_map.keyframe_session[-1]) + 1
     return builder
 
 
-def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray, first_session: int) -> IntArray:
+def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray) -> IntArray:
     """Add a finished map to a builder, moved by ``world_from_map`` (4, 4); return its key frames' new numbers (K,).
 
-    Its first session becomes ``first_session``. Nothing joins it with what the builder held before.
+    Nothing joins it with what the builder held before.
     """
     moved = slam_map.transformed(world_from_map)
     landmarks = builder.adopt_landmarks(moved.positions, moved.normals, moved.reach, moved.descriptors)
@@ -36,7 +36,7 @@ def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray, fi
     added = []
     for k in range(moved.keyframe_count):
         features, landmark = _features_of(moved, k, builder.camera)
-        builder.session = first_session + int(moved.keyframe_session[k])
+        builder.session = int(moved.keyframe_session[k])
         shown = np.where(landmark >= 0, landmark + first, NO_LANDMARK).astype(np.int32)
         added.append(
             builder.add_keyframe(float(moved.keyframe_stamp_s[k]), features, moved.camera_from_world[k], shown)

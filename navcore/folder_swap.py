@@ -1,0 +1,61 @@
+"""Replacing a folder as a whole.
+
+A folder cannot be replaced in one step: the old one is moved aside, then the new one takes its place. Whoever crashes
+between the two leaves no folder, but the old one under a name that :func:`recover` knows, which is called before
+anything is read.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+from pathlib import Path
+
+_ATTEMPTS = 3
+
+
+def aside(folder: Path) -> Path:
+    """Return where the old folder waits while the new one takes its place."""
+    return folder.with_name(f".{folder.name}-replaced")
+
+
+def swap_in(fresh: Path, folder: Path) -> None:
+    """Put a complete folder in the place of another, on the same disk. Raises OSError, and the old one stays then."""
+    recover(folder)
+    shutil.rmtree(aside(folder), ignore_errors=True)
+    for attempt in range(_ATTEMPTS):
+        if folder.exists():
+            os.replace(folder, aside(folder))
+        try:
+            os.replace(fresh, folder)
+            break
+        except OSError:
+            # Somebody who came to read found no folder and has put the old one back.
+            recover(folder)
+            if attempt == _ATTEMPTS - 1 or not fresh.exists():
+                raise
+    _sync(folder.parent)
+    shutil.rmtree(aside(folder), ignore_errors=True)
+
+
+def recover(folder: Path) -> None:
+    """Put the old folder back where a replacement was interrupted."""
+    if not folder.exists() and aside(folder).is_dir():
+        with contextlib.suppress(OSError):
+            os.replace(aside(folder), folder)
+
+
+def sync_tree(folder: Path) -> None:
+    """See that everything in a folder is on the disk, not only in its cache."""
+    for path in sorted(folder.rglob("*")):
+        _sync(path)
+    _sync(folder)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -63,6 +63,10 @@ class MapBuilder:
         """Counts corrections of the whole map (loops closed), after which remembered poses are stale."""
         self.session = 0
         """The recording that key frames which are added now come from."""
+        self.depth_grids: dict[int, NDArray[np.uint16]] = {}
+        """Depth grids (rows, columns) of key frames, see :class:`navcore.slam.depth_model.DepthModel`."""
+        self.depth_carried: set[int] = set()
+        """Key frames whose poses rest on depth more than on landmarks."""
         self._feature_capacity = features_per_frame
         self._camera_from_world = np.zeros((0, 4, 4))
         self._landmark_of: IntArray = np.zeros((0, features_per_frame), np.int32)

@@ -15,14 +15,17 @@ import numpy as np
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
+from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, SPARSE_LANDMARKS, DepthCarrier
+from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor
-from navcore.slam.keyframes import Features, IntArray, SlamCamera
+from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
 from navcore.slam.slam_map import SlamMap, freeze
 from navcore.slam.tracking import (
+    FrameMatch,
     Track,
     extend_by_map,
     local_keyframes,
@@ -38,6 +41,8 @@ MIN_TRACKED_FRAMES = 5
 """A map needs so many tracked frames."""
 MIN_TRACKED = 25
 """Landmarks that must agree for a frame to count as tracked."""
+MIN_BESIDE_DEPTH = 10
+"""Points that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
 KEYFRAME_RATIO = 0.6
@@ -87,10 +92,12 @@ class Mapper:
         self.dropped_count = 0
         """Frames that were given up because the recording's place in the map was not found in time."""
         self._earlier_count = 0
-        self._held: list[tuple[float, Features]] = []
+        self._held: list[tuple[float, Features, DepthView]] = []
         self._cold: Track | None = None
         self._extractor = FeatureExtractor(intrinsics, camera, feature_count)
         self._closer = LoopCloser(self.builder, max_drift=max_drift)
+        self._depth = DepthCarrier(self.builder)
+        self._carried: Carried | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
         self._reference = -1
@@ -161,20 +168,21 @@ class Mapper:
     def add(self, frame: Frame) -> bool:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
         features = self._extractor.extract(frame)
+        depth = DepthView(self.builder.camera, frame.depth_m)
         if not self.builder.keyframes:
-            return self._start(frame.stamp_s, features)
+            return self._start(frame.stamp_s, features, depth)
         if self._reference < 0:
-            return self._anchor(frame.stamp_s, features)
-        return self._follow(frame.stamp_s, features)
+            return self._anchor(frame.stamp_s, features, depth)
+        return self._follow(frame.stamp_s, features, depth)
 
-    def _follow(self, stamp_s: float, features: Features) -> bool:
-        track = self._track(stamp_s, features)
+    def _follow(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
+        track = self._track(stamp_s, features, depth)
         if track is None:
             self._before_last = None
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
         if self._is_keyframe_due(track):
-            track = self._insert_keyframe(track)
+            track = self._insert_keyframe(track, depth)
         camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
         self.frame_poses.append(FramePose(stamp_s, self._reference, camera_from_reference))
         self._before_last, self._last = (self._last if self._was_tracked() else None), track
@@ -184,19 +192,19 @@ class Mapper:
         return len(self.frame_poses) >= 2 and self.frame_poses[-2].reference >= 0
 
     # ------------------------------------------------------------------------------------------- continuing
-    def _anchor(self, stamp_s: float, features: Features) -> bool:
+    def _anchor(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
         """Look for a frame in the map that is continued; once two agree, follow the recording from there both ways."""
         candidates = self._closer.alike(features.descriptors, anchoring.CANDIDATES)
         found = anchoring.locate_cold(self.builder, stamp_s, features, candidates)
         confirmed = found is not None and self._cold is not None and anchoring.agree(self.builder, self._cold, found)
         self._cold = found
         if found is None or not confirmed:
-            self._held.append((stamp_s, features))
+            self._held.append((stamp_s, features, depth.reduced()))
             if len(self._held) > MAX_HELD_FRAMES:
                 self._held.pop(0)
                 self.dropped_count += 1
             return False
-        self._last = self._insert_keyframe(found)
+        self._last = self._insert_keyframe(found, depth)
         anchor = self._reference
         self.frame_poses.append(FramePose(stamp_s, anchor, np.eye(4)))
         self._follow_backwards()
@@ -206,17 +214,18 @@ class Mapper:
 
     def _follow_backwards(self) -> None:
         held, self._held, self._cold = self._held, [], None
-        for stamp_s, features in reversed(held):
-            self._follow(stamp_s, features)
+        for stamp_s, features, depth in reversed(held):
+            self._follow(stamp_s, features, depth)
 
     # --------------------------------------------------------------------------------------------- tracking
-    def _start(self, stamp_s: float, features: Features) -> bool:
+    def _start(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
         near = np.nan_to_num(features.depth_m, nan=np.inf) < mapping.MAX_LANDMARK_DEPTH_M
-        if np.count_nonzero(near) < MIN_START_POINTS:
+        if np.count_nonzero(near) < MIN_START_POINTS and not depth.is_structured:
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
         index = self.builder.add_keyframe(stamp_s, features, np.eye(4), np.full(len(features), -1, np.int32))
         mapping.add_landmarks_from_depth(self.builder, index)
+        self._depth.keep(index, depth)
         self._reference, self._last_keyframe_s = index, stamp_s
         self._last = self._track_of(index)
         self.frame_poses.append(FramePose(stamp_s, index, np.eye(4)))
@@ -232,44 +241,91 @@ class Mapper:
             np.zeros((6, 6)),
         )
 
-    def _track(self, stamp_s: float, features: Features) -> Track | None:
+    def _track(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
         assert self._last is not None
         guess = predict_pose(self._last, self._before_last, stamp_s)
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
-        if found is None:
+        self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
+        if found is None and (self._carried is None or not self._carried.is_complete):
             found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
-            if found is None:
+            if found is not None:
+                self._carried = None
+            elif self._carried is None:
                 return None
-        landmarks = found.track.landmarks
-        seed = landmarks if len(landmarks) >= 10 else self._last.landmarks
-        keyframes = local_keyframes(self.builder, seed)
-        candidates = local_landmarks(self.builder, keyframes)
-        found, expected = extend_by_map(self.builder, found.track, candidates)
+        return self._track_by_map(stamp_s, features, depth, found)
+
+    def _track_by_map(
+        self, stamp_s: float, features: Features, depth: DepthView, found: FrameMatch | None
+    ) -> Track | None:
+        """Look for the map's landmarks around a pose found by matches, by depth, or by both."""
+        matched_count = 0 if found is None else found.matched_count
+        near = self._unmatched(stamp_s, features) if found is None else found.track
+        found, expected = self._extended(near)
+        if found.landmark_count < SPARSE_LANDMARKS and self._carried is None:
+            self._carried = self._carry(stamp_s, depth, found.track.camera_from_world)
+            if self._carried is not None:
+                found, expected = self._extended(near)
         self.builder.visible[expected] += 1
         self.builder.found[found.track.landmarks] += 1
-        if found.landmark_count < MIN_TRACKED:
+        is_seen = found.landmark_count >= MIN_TRACKED
+        carried = self._carried
+        is_fixed = is_seen or (
+            carried is not None
+            and (carried.is_complete or max(matched_count, found.landmark_count) >= MIN_BESIDE_DEPTH)
+        )
+        if not self._depth.note(stamp_s, is_fixed) or not (is_seen or carried is not None):
             return None
-        seeing, _ = self.builder.keyframes_seeing(found.track.landmarks)
-        self._reference = int(seeing[0])
+        if is_seen:
+            seeing, _ = self.builder.keyframes_seeing(found.track.landmarks)
+            self._reference = int(seeing[0])
+        elif carried is not None:
+            self._reference = carried.reference
         return found.track
+
+    def _extended(self, near: Track) -> tuple[FrameMatch, IntArray]:
+        """Look for the local map's landmarks near where a frame is, weighing in what depth says where it was asked."""
+        assert self._last is not None
+        keyframes = local_keyframes(self.builder, near.landmarks if near.inlier_count >= 10 else self._last.landmarks)
+        factor = None
+        if self._carried is not None:
+            keyframes = np.union1d(keyframes, [self._carried.reference, self._reference]).astype(np.int32)
+            factor = self._carried.factor
+        return extend_by_map(self.builder, near, local_landmarks(self.builder, keyframes), factor=factor)
+
+    def _carry(self, stamp_s: float, depth: DepthView, guess: FloatArray) -> Carried | None:
+        assert self._last is not None
+        was_lost = not self.frame_poses or self.frame_poses[-1].reference < 0
+        return self._depth.carry(depth, guess, stamp_s - self._last.stamp_s, was_lost)
+
+    def _unmatched(self, stamp_s: float, features: Features) -> Track:
+        """Return the frame where depth has placed it, without landmarks yet."""
+        assert self._carried is not None
+        factor = self._carried.factor
+        nothing = np.full(len(features), NO_LANDMARK, np.int32)
+        return Track(stamp_s, features, factor.camera_from_world, nothing, factor.information)
 
     def _recent_keyframes(self) -> IntArray:
         return np.flatnonzero(self.builder.keyframe_alive)[::-1][:20].astype(np.int32)
 
     # -------------------------------------------------------------------------------------------- key frames
     def _is_keyframe_due(self, track: Track) -> bool:
+        late = abs(track.stamp_s - self._last_keyframe_s) > MAX_KEYFRAME_INTERVAL_S
         count = track.inlier_count
+        if self._carried is not None and count < MIN_TRACKED:
+            return late or self._carried.alignment.overlap < KEYFRAME_OVERLAP
         self._most_tracked = max(self._most_tracked, count)
         close = np.nan_to_num(track.features.depth_m, nan=np.inf) < CLOSE_DEPTH_M
         tracked_close = int(np.count_nonzero(close & (track.landmark_of >= 0)))
         new_close = int(np.count_nonzero(close & (track.landmark_of < 0)))
         needs_close = tracked_close < 100 and new_close > 70
-        late = abs(track.stamp_s - self._last_keyframe_s) > MAX_KEYFRAME_INTERVAL_S
         return late or needs_close or count < KEYFRAME_RATIO * self._most_tracked
 
-    def _insert_keyframe(self, track: Track) -> Track:
+    def _insert_keyframe(self, track: Track, depth: DepthView) -> Track:
         builder = self.builder
         index = builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
+        self._depth.keep(index, depth)
+        if track.inlier_count < MIN_TRACKED:
+            builder.depth_carried.add(index)
         self._last_keyframe_s = track.stamp_s
         self._most_tracked = 0
         builder.refresh_landmarks(track.landmarks)

@@ -148,13 +148,16 @@ def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
     """Bundle-adjust key frames and the landmarks they see; observations that disagree are dropped."""
     rows = builder.landmark_of[moving]
     landmarks = np.unique(rows[rows >= 0])
+    if len(landmarks) == 0:
+        return
     seeing, _ = builder.keyframes_seeing(landmarks)
     holding = seeing[~np.isin(seeing, moving)][:FIXED_KEYFRAMES]
     keyframes = np.sort(np.concatenate([moving, holding])).astype(np.int32)
     chosen = np.zeros(builder.landmark_count, np.bool_)
     chosen[landmarks] = True
     seen = builder.observations(keyframes, chosen)
-    fixed = np.isin(keyframes, holding)
+    # What depth has placed, a handful of landmarks must not move.
+    fixed = np.isin(keyframes, holding) | np.isin(keyframes, list(builder.depth_carried))
     if not fixed.any():
         fixed[0] = True
     camera = builder.camera
@@ -189,7 +192,7 @@ def cull_redundant_keyframes(builder: MapBuilder, keyframe: int) -> int:
     """Cull neighbours of a key frame whose landmarks others show as well; return how many."""
     neighbours, _ = builder.covisible(keyframe, 15)
     culled = 0
-    protected = {0, keyframe, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
+    protected = {0, keyframe, *builder.depth_carried, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
     for neighbour in neighbours.tolist():
         if neighbour in protected:
             continue

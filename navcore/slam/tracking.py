@@ -26,6 +26,7 @@ from navcore.slam.keyframes import (
 )
 from navcore.slam.lie import exp_se3, log_se3
 from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_projected, project_landmarks
+from navcore.slam.pose_factor import PoseFactor
 
 BoolArray = NDArray[np.bool_]
 
@@ -162,8 +163,12 @@ def refined(
     points: FloatArray,
     landmarks: IntArray,
     camera: SlamCamera,
+    factor: PoseFactor | None = None,
 ) -> FrameMatch:
-    """Refine a pose from matched features (m,) with world points (m, 3); ``landmarks`` (m,) may hold NO_LANDMARK."""
+    """Refine a pose from matched features (m,) with world points (m, 3); ``landmarks`` (m,) may hold NO_LANDMARK.
+
+    ``factor`` is what is known of the pose besides.
+    """
     camera_from_world, inlier, information = pose.refine_pose(
         guess,
         points,
@@ -174,6 +179,7 @@ def refined(
         camera.cx_px,
         camera.cy_px,
         camera.bf_px_m,
+        factor,
     )
     landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
     landmark_of[feature_index[inlier]] = landmarks[inlier]
@@ -289,11 +295,16 @@ def local_landmarks(view: MapView, keyframes: IntArray) -> IntArray:
 
 
 def extend_by_map(
-    view: MapView, track: Track, candidates: IntArray, radius_factor: float = 1.0
+    view: MapView,
+    track: Track,
+    candidates: IntArray,
+    radius_factor: float = 1.0,
+    factor: PoseFactor | None = None,
 ) -> tuple[FrameMatch, IntArray]:
     """Look for further landmarks of the map in a frame whose pose is nearly known, and refine the pose with all.
 
-    Return the new state and the candidates (k,) that should have been seen.
+    ``factor`` is what is known of the pose besides. Return the new state and the candidates (k,) that should have been
+    seen.
     """
     held = np.zeros(len(view.positions), np.bool_)
     held[track.landmarks] = True
@@ -329,6 +340,7 @@ def extend_by_map(
         view.positions[landmarks],
         landmarks,
         view.camera,
+        factor,
     )
     return found, np.concatenate([wanted, track.landmarks])
 

@@ -16,9 +16,10 @@ from navcore.slam.fisheye_view import FisheyeFeatures, FisheyeView
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
 from navcore.slam.lie import inverse_se3
 from navcore.slam.matching import match_all
+from navcore.slam.relocalization import is_same_place
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track, fraction_of_step
-from navcore.types import Frame
+from navcore.types import FisheyeCamera, FisheyeImage, Frame
 
 MAX_APART_S = 0.1
 """A fisheye picture taken so much earlier or later than the frame is not used."""
@@ -26,8 +27,8 @@ SEARCH_CANDIDATES = 6
 """Key frames that look like the fisheye picture, which are tried."""
 SEARCH_RADIUS_FACTOR = 3.0
 """Search radius around landmarks after a pose was found from descriptors alone, times the usual one."""
-CONVINCING_COUNT = 80
-"""With so many landmarks no further candidate is tried."""
+RIVAL_SHARE = 0.6
+"""Where another place shows more than this share of the best one's landmarks, neither is believed."""
 MIN_ALIKE = 12
 """Descriptors that must match a candidate key frame."""
 MIN_RIGID = 10
@@ -41,7 +42,7 @@ MAX_OFF_CENTRE_RAD = math.radians(60.0)
 
 
 class FisheyeAid:
-    """The fisheye side of one localizer; remembers no picture."""
+    """The fisheye side of one localizer. It holds the frame at hand; features are extracted when they are needed."""
 
     def __init__(self, slam_map: SlamMap, reference_feature_count: int) -> None:
         self._map = slam_map
@@ -49,43 +50,71 @@ class FisheyeAid:
         self._centres = -np.einsum(
             "kji,kj->ki", slam_map.camera_from_world[:, :3, :3], slam_map.camera_from_world[:, :3, 3]
         )
-        self._camera: object = None
         self._view: FisheyeView | None = None
+        self._camera: FisheyeCamera | None = None
+        self._image: FisheyeImage | None = None
+        self._moved: FloatArray = np.eye(4)
+        self._seen: FisheyeFeatures | None = None
 
-    def see(self, frame: Frame, last: Track | None, before_last: Track | None) -> FisheyeFeatures | None:
-        """Return the features of the frame's fisheye picture; None where it has none of about the same time.
+    def look(self, frame: Frame, last: Track | None, before_last: Track | None) -> None:
+        """Take up a frame; the last two say how the camera moved between its two captures."""
+        image, self._seen = frame.fisheye, None
+        self._image = None if image is None or abs(image.stamp_s - frame.stamp_s) > MAX_APART_S else image
+        if self._image is not None:
+            self._moved = _moved(self._image.stamp_s - frame.stamp_s, last, before_last)
 
-        The last two frames say how the camera moved between the two captures.
+    @property
+    def has_picture(self) -> bool:
+        """Whether the frame at hand has a fisheye picture of about the same time."""
+        return self._image is not None
+
+    def join(self, track: Track, radius_factor: float) -> FisheyeMatch | None:
+        """Refine the frame's pose with what the fisheye picture shows of the map around it.
+
+        None where there is no picture, or what it shows is no evidence for the pose.
         """
-        image = frame.fisheye
-        if image is None or abs(image.stamp_s - frame.stamp_s) > MAX_APART_S:
+        if self._image is None:
             return None
+        view, seen = self._extracted(self._image)
+        candidates = candidates_near(self._map, self._centres, track.camera_from_world)
+        match = joined(self._map, view, seen, track, candidates, radius_factor)
+        return match if match.is_evidence else None
+
+    def _extracted(self, image: FisheyeImage) -> tuple[FisheyeView, FisheyeFeatures]:
         if self._view is None or self._camera is not image.camera:
             self._view, self._camera = FisheyeView(image.camera, self._count), image.camera
-        return self._view.extract(image.grey, _moved(image.stamp_s - frame.stamp_s, last, before_last))
+        if self._seen is None:
+            self._seen = self._view.extract(image.grey, self._moved)
+        return self._view, self._seen
 
-    def join(self, seen: FisheyeFeatures, track: Track, radius_factor: float) -> FisheyeMatch:
-        """Refine a frame's pose with what the fisheye picture shows of the map around it."""
-        assert self._view is not None
-        candidates = candidates_near(self._map, self._centres, track.camera_from_world)
-        return joined(self._map, self._view, seen, track, candidates, radius_factor)
+    def find(self, features: Features, stamp_s: float) -> FisheyeMatch | None:
+        """Find the pose without a guess, by the key frames that look like any part of the fisheye picture.
 
-    def find(self, seen: FisheyeFeatures, features: Features, stamp_s: float) -> FisheyeMatch | None:
-        """Find the pose without a guess, by the key frames that look like any part of the fisheye picture."""
+        ``features`` are the front view's, which take no part. None where there is no picture, no place shows enough, or
+        two places show about as much.
+        """
+        if self._image is None:
+            return None
+        _, seen = self._extracted(self._image)
         usable = np.flatnonzero(~seen.unusable).astype(np.int32)
         alike, _ = self._map.places.query(seen.features.descriptors[usable], SEARCH_CANDIDATES)
         best: FisheyeMatch | None = None
+        rival = 0
         for candidate in alike.tolist():
             guess = self._guess(seen, usable, candidate)
             if guess is None:
                 continue
             unseen = np.full(len(features), NO_LANDMARK, np.int32)
-            found = self.join(seen, Track(stamp_s, features, guess, unseen, np.zeros((6, 6))), SEARCH_RADIUS_FACTOR)
-            if found.is_evidence and (best is None or found.found_count > best.found_count):
-                best = found
-            if best is not None and best.found_count >= CONVINCING_COUNT:
-                break
-        return best
+            found = self.join(Track(stamp_s, features, guess, unseen, np.zeros((6, 6))), SEARCH_RADIUS_FACTOR)
+            if found is None:
+                continue
+            if best is not None and is_same_place(best.track, found.track):
+                best = max(best, found, key=lambda match: match.found_count)
+            elif best is None or found.found_count > best.found_count:
+                rival, best = 0 if best is None else best.found_count, found
+            else:
+                rival = max(rival, found.found_count)
+        return None if best is None or rival > RIVAL_SHARE * best.found_count else best
 
     def _guess(self, seen: FisheyeFeatures, usable: IntArray, candidate: int) -> FloatArray | None:
         """Return the depth camera's pose (4, 4) from the landmarks of one key frame; None where they do not agree."""

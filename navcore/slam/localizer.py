@@ -15,6 +15,8 @@ import numpy as np
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.features import FeatureExtractor, feature_count_for
+from navcore.slam.fisheye_localization import FisheyeAid
+from navcore.slam.fisheye_tracking import FisheyeMatch
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.map_evidence import MapEvidence, evidence_for
@@ -43,6 +45,8 @@ CONFIRMATIONS = 3
 """Frames in a row that must match the map after a relocalization before the pose is called Localized."""
 STEADY_COUNT = 80
 """Fewer landmarks than this fix a pose badly: what odometry follows is used as well."""
+AMPLE_COUNT = 150
+"""With so many landmarks in the front view the fisheye picture is not looked at: it would add little, for its price."""
 CONTINUITY_M = 0.08
 """Map and odometry say the same when their positions differ by less than this."""
 MAX_ODOMETRY_S = 10.0
@@ -88,6 +92,23 @@ class MapMatch:
 
     track: Track
     evidence: MapEvidence
+    fisheye: FisheyeMatch | None = None
+    """What the fisheye picture shows there, if that is evidence; the track is then the pose of both cameras."""
+
+    @property
+    def is_convincing(self) -> bool:
+        """Whether the front view shows it by itself, or the fisheye picture does and depth does not contradict."""
+        return self.evidence.is_convincing or (self.fisheye is not None and not self.evidence.is_contradicted)
+
+    @property
+    def is_ample(self) -> bool:
+        """Whether the front view shows so much that the fisheye picture would add nothing."""
+        return self.track.inlier_count >= AMPLE_COUNT
+
+    @property
+    def found_count(self) -> int:
+        """Landmarks of the map that agree, in both pictures."""
+        return self.track.inlier_count + (0 if self.fisheye is None else self.fisheye.found_count)
 
     def is_plausible_after(self, followed: Track) -> bool:
         """Whether odometry led to the same place, and nothing speaks against it."""
@@ -107,6 +128,7 @@ class Localizer:
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
         self._state: LocalizerState | None = None
+        self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
 
     @property
     def state(self) -> LocalizerState | None:
@@ -120,6 +142,9 @@ class Localizer:
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
         features = self._extractor.extract(frame)
+        if self._aid is not None:
+            known = self._state
+            self._aid.look(frame, *((None, None) if known is None else (known.last, known.before_last)))
         state = self._follow(self._state, frame, features) if self._state is not None else None
         self._state = state or self._find(frame, features)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
@@ -137,7 +162,7 @@ class Localizer:
             if track is None:
                 continue
             matched = self._match_map(state, track, frame, radius_factor)
-            if matched is not None and matched.evidence.is_convincing:
+            if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, matched, frame)
             if matched is not None and track is followed and matched.is_plausible_after(track):
                 # It keeps what is known, but does not make a doubtful pose a sure one.
@@ -166,20 +191,35 @@ class Localizer:
         else:
             keyframes = self._near_keyframes(track.camera_from_world)
         candidates = local_landmarks(self._map, keyframes)
-        if len(candidates) == 0:
+        if len(candidates) == 0 and (self._aid is None or not self._aid.has_picture):
             return None
         sigma_m = float(np.sqrt(np.trace(state.covariance[:3, :3])))
         radius_factor = float(np.clip(sigma_m / 0.05, least_radius_factor, 4.0))
         found, expected = extend_by_map(self._map, track, candidates, radius_factor)
         if radius_factor > 1.5 and found.landmark_count >= 10:
             found, expected = extend_by_map(self._map, found.track, candidates)
+        alone = MapMatch(found.track, evidence_for(self._map, found.track, expected, frame.depth_m))
+        if self._aid is not None and self._aid.has_picture and not (alone.is_ample and alone.is_convincing):
+            both = self._with_fisheye(self._aid, found.track, candidates, frame, radius_factor)
+            if both is not None:
+                return both
         if found.landmark_count < self._settings.min_inliers_count:
             return None
-        evidence = evidence_for(self._map, found.track, expected, frame.depth_m)
-        matched = found.track
         if found.landmark_count < STEADY_COUNT:
-            matched = steadied(self._map, matched, track)
-        return MapMatch(matched, evidence)
+            return replace(alone, track=steadied(self._map, found.track, track))
+        return alone
+
+    def _with_fisheye(
+        self, aid: FisheyeAid, track: Track, candidates: IntArray, frame: Frame, radius_factor: float
+    ) -> MapMatch | None:
+        """Return the match near a pose on which both pictures agree; None where the fisheye's shows too little."""
+        match = aid.join(track, radius_factor)
+        if match is None:
+            return None
+        # Around the better pose the front view shows more.
+        front, expected = extend_by_map(self._map, match.track, candidates)
+        match = aid.join(front.track, 1.0) or match
+        return MapMatch(match.track, evidence_for(self._map, match.track, expected, frame.depth_m), match)
 
     def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:
         centre = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
@@ -213,14 +253,14 @@ class Localizer:
     def _find(self, frame: Frame, features: Features) -> LocalizerState | None:
         """Search the whole map; None where no place convinces, or more than one does."""
         if len(features) < RELOCALIZATION_INLIERS:
-            return None
+            return self._find_by_fisheye(frame, features)
         alike, _ = self._map.places.query(features.descriptors, RELOCALIZATION_CANDIDATES)
         best: MapMatch | None = None
         rival = 0
         for found in proposals(self._map, features, frame.stamp_s, alike.tolist(), RELOCALIZATION_INLIERS):
             around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks))
             match = MapMatch(found.track, evidence_for(self._map, found.track, around, frame.depth_m))
-            if not match.evidence.is_convincing:
+            if not match.is_convincing:
                 continue
             if best is not None and is_same_place(best.track, match.track):
                 best = max(best, match, key=lambda m: m.evidence.found)
@@ -228,9 +268,22 @@ class Localizer:
                 rival, best = 0 if best is None else best.evidence.found, match
             else:
                 rival = max(rival, match.evidence.found)
-        if best is None or rival > RIVAL_SHARE * best.evidence.found:
+        if best is None:
+            return self._find_by_fisheye(frame, features)
+        if rival > RIVAL_SHARE * best.evidence.found:
             return None
         return self._matched(None, best, frame, 1)
+
+    def _find_by_fisheye(self, frame: Frame, features: Features) -> LocalizerState | None:
+        """Search the whole map for what the fisheye picture shows, and weigh what the front view shows there."""
+        found = self._aid.find(features, frame.stamp_s) if self._aid is not None else None
+        if self._aid is None or found is None:
+            return None
+        around = local_landmarks(self._map, self._near_keyframes(found.track.camera_from_world))
+        match = self._with_fisheye(self._aid, found.track, around, frame, 1.0)
+        if match is None or not match.is_convincing or match.found_count < RELOCALIZATION_INLIERS:
+            return None
+        return self._matched(None, match, frame, 1)
 
     # --------------------------------------------------------------------------------------------- quality
     def _quality(self, state: LocalizerState | None, stamp_s: float) -> LocalizationQuality:

@@ -31,6 +31,8 @@ MIN_FOUND_SHARE = 0.15
 """Share of the landmarks to be found that a convincing pose finds: right ones 0.35–0.9, blurred ones from 0.15 on."""
 MIN_CELL_SHARE = 0.65
 """Share of the cells in which some are found: right poses 0.8–1, wrong ones with agreeing depth up to 0.63."""
+MIN_SEEN_THROUGH = 10
+"""Fewer landmarks behind which the surface lies contradict nothing."""
 MIN_CELLS = 5
 """Cells with found landmarks, at least; fewer are a sliver of the map that fixes no pose."""
 MIN_FOUND_SHARE_FOLLOWED = 0.08
@@ -85,6 +87,11 @@ class MapEvidence:
             and self.cell_share >= MIN_CELL_SHARE
             and self.found_cells >= MIN_CELLS
         )
+
+    @property
+    def is_contradicted(self) -> bool:
+        """Whether the depth image looks through many of the landmarks that should be there."""
+        return self.seen_through >= MIN_SEEN_THROUGH and self.depth_share < MIN_DEPTH_SHARE
 
     @property
     def is_plausible(self) -> bool:

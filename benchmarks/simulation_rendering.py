@@ -13,7 +13,8 @@ import time
 
 from device_agent.simulation.building import renderer_of
 from device_agent.simulation.office_floor import office_floor
-from device_agent.simulation.walk import head_trajectory, plan_walk, recorded_walk
+from device_agent.simulation.simulated_walk import simulated_walk
+from device_agent.simulation.walk import head_trajectory, plan_walk
 
 
 def main() -> None:
@@ -34,7 +35,7 @@ def main() -> None:
         "painting_s": round(time.thread_time() - begin_s, 2),
     }
     for size_px in ((320, 240), (640, 480)):
-        frames = recorded_walk(building, 0, arguments.rate_hz, size_px, renderer=renderer)
+        frames = simulated_walk(building, seed=0, rate_hz=arguments.rate_hz, size_px=size_px, renderer=renderer)
         next(frames)  # compiles on the very first run
         spent_ms = []
         for _ in range(max(1, arguments.frames)):

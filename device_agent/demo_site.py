@@ -50,7 +50,7 @@ def _make_folder(data: Path) -> None:
 
 
 def _record(folder: Path, size_px: tuple[int, int], rate_hz: float) -> None:
-    from device_agent.simulation.walk import record_walk
+    from device_agent.simulation.walk_recording import record_walk
 
     with progress_bar("Walking through the building") as report:
         record_walk(folder, RECORDING_SEED, size_px, rate_hz, report)

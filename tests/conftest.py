@@ -13,7 +13,7 @@ from device_agent.cli import main
 from device_agent.simulation.building import Building, renderer_of
 from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
-from device_agent.simulation.walk import record_walk
+from device_agent.simulation.walk_recording import record_walk
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site
 from navcore.types import CameraIntrinsics

@@ -9,7 +9,7 @@ import numpy as np
 from device_agent.simulation.building import Building, Place
 from device_agent.simulation.sensors import head_camera
 from device_agent.simulation.shapes import Piece, Solid, ceiling_quad, floor_quad, upright_quad
-from device_agent.simulation.walk import recorded_walk
+from device_agent.simulation.simulated_walk import simulated_walk
 from navcore.geometry import Transform
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.recording import RecordingWriter
@@ -59,7 +59,7 @@ def record_room(folder: Path) -> tuple[list[Frame], list[Transform]]:
     building = small_room()
     writer = RecordingWriter(folder, head_camera(320, 240))
     frames, poses = [], []
-    for frame, pose in recorded_walk(building, seed=0, rate_hz=10.0, max_length_m=WALK_M):
+    for frame, pose in simulated_walk(building, seed=0, rate_hz=10.0, max_length_m=WALK_M):
         writer.add(frame, pose)
         frames.append(frame)
         poses.append(pose)

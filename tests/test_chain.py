@@ -11,7 +11,7 @@ import pytest
 from device_agent.cli import main
 from device_agent.simulation.building import Building
 from device_agent.simulation.renderer import Renderer
-from device_agent.simulation.walk import record_walk
+from device_agent.simulation.walk_recording import record_walk
 from device_agent.walk import run_walk
 from navcore.evaluation import absolute_trajectory_error
 from navcore.planning.edits import validate

@@ -11,7 +11,8 @@ import pytest
 from device_agent.simulation.building import Building
 from device_agent.simulation.gait import USUAL_GAIT, advance_phase, head_pose
 from device_agent.simulation.renderer import Renderer
-from device_agent.simulation.walk import CAREFUL_WALK, head_trajectory, plan_walk, record_walk
+from device_agent.simulation.walk import CAREFUL_WALK, head_trajectory, plan_walk
+from device_agent.simulation.walk_recording import record_walk
 from navcore.angles import wrap_rad
 from navcore.errors import InputError
 from navcore.geometry import heading_of_camera

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -101,6 +101,8 @@ class Building:
     movers: tuple[Moving, ...] = ()
     seed: int = 0
     """Of the pictures that are painted on the surfaces."""
+    movable: tuple[Piece, ...] = ()
+    """Furniture that people move now and then; it is part of the surfaces and solids."""
 
     def place(self, name: str) -> Place:
         """Return a place by its name, in any case. Raises InputError."""
@@ -114,6 +116,17 @@ class Building:
         surfaces = tuple(surface for piece in pieces for surface in piece.surfaces)
         solids = tuple(solid for piece in pieces for solid in piece.solids)
         return replace(self, surfaces=self.surfaces + surfaces, solids=self.solids + solids)
+
+    def with_movable(self, pieces: Sequence[Piece]) -> Building:
+        """Return the building with other movable furniture in place of its own."""
+        gone = {id(part) for piece in self.movable for part in (*piece.surfaces, *piece.solids)}
+        emptied = replace(
+            self,
+            surfaces=tuple(surface for surface in self.surfaces if id(surface) not in gone),
+            solids=tuple(solid for solid in self.solids if id(solid) not in gone),
+            movable=tuple(pieces),
+        )
+        return emptied.with_pieces(*pieces)
 
     def placements_at(self, time_s: float) -> tuple[Placement | None, ...]:
         """Return where the moving things are; None for those that are not there."""

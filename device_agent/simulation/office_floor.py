@@ -24,7 +24,7 @@ import numpy as np
 
 from device_agent.simulation import furniture as fit
 from device_agent.simulation.building import Building, Mover, Place, Room
-from device_agent.simulation.office_furniture import office_furniture
+from device_agent.simulation.office_furniture import is_movable, office_furniture
 from device_agent.simulation.shapes import Piece, Point3, Surface, ceiling_quad, floor_quad, together
 from device_agent.simulation.walls import HEIGHT_M, Opening, Wall, decorate
 
@@ -166,6 +166,7 @@ _DOOR_COLOURS = ("#9a6b3f", "#7d8a94", "#b58b5a")
 def office_floor(obstacles: Sequence[Piece] = (), movers: Sequence[Mover] = (), seed: int = 0) -> Building:
     """Return the floor; obstacles stand where they have been moved to, movers walk. The seed changes the pictures."""
     walls = {wall.name: wall for wall in _WALLS}
+    furniture = office_furniture()
     pieces = [
         *(wall.build() for wall in _WALLS),
         _decorations(walls, seed),
@@ -173,7 +174,7 @@ def office_floor(obstacles: Sequence[Piece] = (), movers: Sequence[Mover] = (), 
         _outlook(walls),
         _floors_and_ceilings(),
         _lamps(),
-        *office_furniture(),
+        *furniture,
     ]
     everything = together(*pieces)
     building = Building(
@@ -186,6 +187,7 @@ def office_floor(obstacles: Sequence[Piece] = (), movers: Sequence[Mover] = (), 
         tuple(_NODES[node] for node in _WALK.split()),
         tuple(movers),
         seed,
+        tuple(piece for piece in furniture if is_movable(piece)),
     )
     return building.with_pieces(*obstacles)
 

@@ -5,10 +5,19 @@ from __future__ import annotations
 from device_agent.simulation import furniture as fit
 from device_agent.simulation.shapes import Piece, together
 
+_MOVABLE = frozenset(
+    {"desk", "chair", "sofa", "table", "stool", "shelf", "cabinet", "bench", "plant", "vending machine", "copier"}
+)
+
 
 def office_furniture() -> list[Piece]:
     """Return all of it, room by room."""
     return [_open_doors(), *_hall(), *_wash_room(), *_bar(), *_lounge(), *_rooms(), *_corridors()]
+
+
+def is_movable(piece: Piece) -> bool:
+    """Tell whether people move such a thing now and then."""
+    return bool(piece.solids) and all(solid.name in _MOVABLE for solid in piece.solids)
 
 
 def _hall() -> list[Piece]:

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from device_agent.simulation.building import Building, SolidArrays, pose_in_stride, push_from_solids, touchable
 from device_agent.simulation.people import STRIDE_M, WARDROBE, walking_figure
@@ -21,6 +22,8 @@ from device_agent.simulation.shading import F32
 from device_agent.simulation.shapes import GLASS, Piece, Surface
 from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform, rotation_about_z
+
+BoolArray = NDArray[np.bool_]
 
 SHOWN_SHARE = 0.01
 """A frame shows somebody when people cover this share of the picture: a whole person at about 6 m."""
@@ -33,8 +36,16 @@ _AWAY_M = 9.0
 """They come and go at this distance, or out of sight."""
 _POP_UP_M = 6.0
 """Nearer than this nobody appears from nowhere."""
-_ATTEMPTS = 4000
-_OVERSHOOT = 0.004
+_FASTEST_MPS = 2.2
+_SHORTEST = 10
+"""Samples of a passage, at least."""
+_UNSEEN_S = 0.5
+"""They are there for so long before and after they are in sight."""
+_ATTEMPTS = 2500
+_AUDITIONS = 160
+"""So many passages that touch nothing are looked at, at most."""
+_TOLERANCE = 0.004
+"""Of the share of frames; never less than a frame and a half."""
 _FIRST_S = 3.0
 
 
@@ -52,6 +63,21 @@ class Passage:
     def end_s(self) -> float:
         """When they are gone."""
         return self.start_s + _STEP_S * (len(self.heading_rad) - 1)
+
+    def cut(self, begin: int, end: int) -> Passage:
+        """Return the samples from ``begin`` up to ``end``."""
+        return Passage(
+            self.start_s + _STEP_S * begin,
+            self.position_m[begin:end],
+            self.heading_rad[begin:end],
+            self.travelled_m[begin:end],
+        )
+
+    def between(self, begin_s: float, end_s: float) -> Passage:
+        """Return the part between two times."""
+        count = len(self.heading_rad)
+        begin = max(0, math.floor((begin_s - self.start_s) / _STEP_S))
+        return self.cut(begin, min(count, math.ceil((end_s - self.start_s) / _STEP_S) + 1))
 
     def placement_at(self, time_s: float, poses: int) -> Placement | None:
         """Return where they are; None before and after."""
@@ -105,16 +131,22 @@ def passers_by(building: Building, track: WalkerTrack, share: float, seed: int) 
     stage = _Stage(building, track)
     cast: list[list[Passage]] = [[] for _ in WARDROBE]
     shown = np.zeros(len(track.stamp_s), np.bool_)
+    tolerance = max(_TOLERANCE, 1.5 / max(1, len(shown)))
+    auditions = 0
     for number in range(_ATTEMPTS):
-        if share <= 0.0 or shown.mean() >= share - _OVERSHOOT:
+        if share <= 0.0 or shown.mean() >= share - tolerance or auditions >= _AUDITIONS:
             break
         passage = _drawn_passage(rng, track, number % 3 == 0)
         actor = int(rng.integers(len(cast)))
-        if passage is None or not _is_free(cast, actor, passage):
+        if passage is None:
             continue
         passage = stage.kept_clear(passage)
-        seen = stage.frames_showing(passage, actor) if passage is not None else shown
-        if passage is None or not seen.any() or (shown | seen).mean() > share + _OVERSHOOT:
+        show = None if passage is None else stage.on_show(passage, actor)
+        if show is None:
+            continue
+        auditions += 1
+        passage, seen = show
+        if (shown | seen).mean() > share + tolerance or not _is_free(cast, actor, passage):
             continue
         cast[actor].append(passage)
         shown |= seen
@@ -144,7 +176,7 @@ def _drawn_passage(rng: np.random.Generator, track: WalkerTrack, overtakes: bool
     cross_m = float(rng.uniform(1.3, 3.2))
     before_s, after_s = (2.0, _LONGEST_S - 2.0) if overtakes else (_LONGEST_S - 10.0, 2.0)
     stamps = np.arange(max(begin_s, meet_s - before_s), min(end_s, meet_s + after_s), _STEP_S)
-    if len(stamps) < 10:
+    if len(stamps) < _SHORTEST:
         return None
     arc = track.arc_m
     meet_m = float(np.interp(meet_s, track.stamp_s, arc))
@@ -155,7 +187,7 @@ def _drawn_passage(rng: np.random.Generator, track: WalkerTrack, overtakes: bool
         stamps, along = stamps[on_track], along[on_track]
     gap = along - np.interp(stamps, track.stamp_s, arc)
     near = np.abs(gap) < _AWAY_M
-    if np.count_nonzero(near) < 10:
+    if np.count_nonzero(near) < _SHORTEST:
         return None
     stamps, along, gap = stamps[near], along[near], gap[near]
     # On the near side of ``cross_m`` they are at one hand of the walker, beyond it at the other.
@@ -197,30 +229,40 @@ class _Stage:
         self._rays = _small_picture()
 
     def kept_clear(self, passage: Passage) -> Passage | None:
-        """Return the passage if it touches nothing and nobody and has feasible steps, else None."""
-        steps_m = np.diff(passage.travelled_m)
-        if steps_m.max() > 2.2 * _STEP_S:
+        """Return the longest part of the passage in which nothing and nobody is touched, or None if that is short."""
+        clear = np.hypot(*(passage.position_m - self._walker_at(passage)).T) >= _WALKER_CLEAR_M
+        clear[1:] &= np.diff(passage.travelled_m) <= _FASTEST_MPS * _STEP_S
+        for k in np.flatnonzero(clear):
+            x_m, y_m = passage.position_m[k]
+            clear[k] = push_from_solids(self._solids, float(x_m), float(y_m))[0] >= _CLEAR_M
+        edges = np.flatnonzero(np.diff(np.concatenate([[False], clear, [False]]).astype(np.int8)))
+        runs = edges.reshape(-1, 2)
+        begin, end = max(runs.tolist(), key=lambda run: int(run[1] - run[0]), default=(0, 0))
+        if end - begin < _SHORTEST:
             return None
-        for position in passage.position_m:
-            if push_from_solids(self._solids, float(position[0]), float(position[1]))[0] < _CLEAR_M:
-                return None
-        walker = self._walker_at(passage)
-        if np.hypot(*(passage.position_m - walker).T).min() < _WALKER_CLEAR_M:
-            return None
-        return passage
+        return passage.cut(begin, end)
 
-    def frames_showing(self, passage: Passage, actor: int) -> np.ndarray:
-        """Tell (n,) which samples of the track show the person; none where they would appear from nowhere."""
+    def on_show(self, passage: Passage, actor: int) -> tuple[Passage, BoolArray] | None:
+        """Return the part of the passage that is in sight, and which samples of the track (n,) it shows well.
+
+        None where there is none, or the person would appear from nowhere.
+        """
         track = self._track
-        seen = np.zeros(len(track.stamp_s), np.bool_)
         present = np.flatnonzero((track.stamp_s >= passage.start_s) & (track.stamp_s <= passage.end_s))
+        if not len(present) or any(self._pops_up(passage, actor, int(present[end]), end) for end in (0, -1)):
+            return None
         shares = np.array([self._share_shown(int(k), passage, actor) for k in present])
-        away_m = np.hypot(*(passage.position_m - self._walker_at(passage)).T)
-        for end in (0, -1):
-            if len(shares) and shares[end] >= SHOWN_SHARE / 3 and away_m[end] < _POP_UP_M:
-                return seen
+        if shares.max() < SHOWN_SHARE:
+            return None
+        seen = np.zeros(len(track.stamp_s), np.bool_)
         seen[present] = shares >= SHOWN_SHARE
-        return seen
+        in_sight_s = track.stamp_s[present[shares > 0.0]]
+        return passage.between(float(in_sight_s[0]) - _UNSEEN_S, float(in_sight_s[-1]) + _UNSEEN_S), seen
+
+    def _pops_up(self, passage: Passage, actor: int, frame: int, end: int) -> bool:
+        """Tell whether the person comes from (or goes to) nowhere, near the walker and seen by them."""
+        away_m = math.dist(passage.position_m[end], self._walker_at(passage)[end])
+        return away_m < _POP_UP_M and self._share_shown(frame, passage, actor) >= SHOWN_SHARE / 3
 
     def _walker_at(self, passage: Passage) -> FloatArray:
         stamps = passage.start_s + _STEP_S * np.arange(len(passage.heading_rad))

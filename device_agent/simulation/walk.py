@@ -7,28 +7,19 @@ or a corridor ends.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
 from scipy import ndimage
 
-from device_agent.simulation.building import Building, checked_seed, renderer_of
-from device_agent.simulation.fisheye_sensor import FisheyeModel
+from device_agent.simulation.building import checked_seed
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
-from device_agent.simulation.marking import spoken_marks
-from device_agent.simulation.office_floor import office_floor
-from device_agent.simulation.renderer import Renderer
-from device_agent.simulation.sensors import CameraModel, head_camera
 from navcore.angles import wrap_rad
 from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform
-from navcore.recording import RecordingWriter
-from navcore.types import FisheyeCamera, Frame
 
 _STEP_M = 0.01
-_STEP_S = 0.01
+STEP_S = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +44,7 @@ CAREFUL_WALK = WalkStyle()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WalkPlan:
-    """A walk as dense samples, ``_STEP_S`` apart: stamps (n,), positions (n, 2), headings (n,) and speeds (n,).
+    """A walk as dense samples, ``STEP_S`` apart: stamps (n,), positions (n, 2), headings (n,) and speeds (n,).
 
     Headings have no jumps.
     """
@@ -103,7 +94,7 @@ def plan_walk(
         pieces.append(_turning(leg[-1, :3], turn_rad, style))
     pieces.append(_standing(pieces[-1][-1, :3], style.stand_s))
     samples = np.concatenate(pieces)
-    stamps: FloatArray = _STEP_S * np.arange(len(samples), dtype=np.float64)
+    stamps: FloatArray = STEP_S * np.arange(len(samples), dtype=np.float64)
     return WalkPlan(stamps, samples[:, :2], np.unwrap(samples[:, 2]), samples[:, 3])
 
 
@@ -134,7 +125,7 @@ def _walk_leg(corners_m: FloatArray, rng: np.random.Generator, style: WalkStyle)
     limit = np.minimum(style.speed_mps, style.turn_rate_rad_s / np.maximum(bend_rad_m, 1e-3))
     speed = _reachable_speed(limit, style.acceleration_mps2)
     time = np.concatenate([[0.0], np.cumsum(_STEP_M / np.maximum(0.5 * (speed[1:] + speed[:-1]), 0.02))])
-    stamps = np.arange(0.0, time[-1], _STEP_S)
+    stamps = np.arange(0.0, time[-1], STEP_S)
     columns = (path[:, 0], path[:, 1], heading, speed)
     return np.stack([np.interp(stamps, time, column) for column in columns], axis=1)
 
@@ -188,7 +179,7 @@ def _turning(state: FloatArray, turn_rad: float, style: WalkStyle) -> FloatArray
     ramp_s = min(rate / gain, math.sqrt(size / gain)) if size > 0 else 0.0
     peak = gain * ramp_s
     flat_s = max(0.0, (size - peak * ramp_s) / rate) if size > 0 else 0.0
-    stamps = np.arange(0.0, 2 * ramp_s + flat_s + _STEP_S, _STEP_S)
+    stamps = np.arange(0.0, 2 * ramp_s + flat_s + STEP_S, STEP_S)
     rates = np.clip(np.minimum(stamps, 2 * ramp_s + flat_s - stamps) * gain, 0.0, peak)
     share = np.concatenate([[0.0], np.cumsum(0.5 * (rates[1:] + rates[:-1]))])
     share = share / share[-1] if share[-1] > 0 else share
@@ -199,7 +190,7 @@ def _turning(state: FloatArray, turn_rad: float, style: WalkStyle) -> FloatArray
 
 
 def _standing(state: FloatArray, duration_s: float) -> FloatArray:
-    samples = np.zeros((max(1, round(duration_s / _STEP_S)), 4))
+    samples = np.zeros((max(1, round(duration_s / STEP_S)), 4))
     samples[:, :3] = state
     return samples
 
@@ -208,80 +199,16 @@ def head_trajectory(
     plan: WalkPlan, rate_hz: float, gait: Gait = USUAL_GAIT, mount: HeadMount = USUAL_MOUNT
 ) -> list[tuple[float, Transform]]:
     """Return the stamps of the captures at a frame rate, and ``world_from_camera`` at each."""
-    if not 0.5 <= rate_hz <= 1.0 / _STEP_S:
-        raise InputError(f"A camera cannot run at {rate_hz:g} Hz here: choose 0.5 to {1 / _STEP_S:g} Hz.")
+    if not 0.5 <= rate_hz <= 1.0 / STEP_S:
+        raise InputError(f"A camera cannot run at {rate_hz:g} Hz here: choose 0.5 to {1 / STEP_S:g} Hz.")
     phases = np.zeros(len(plan.stamp_s))
     for k in range(1, len(phases)):
-        phases[k] = advance_phase(phases[k - 1], float(plan.speed_mps[k]), _STEP_S, gait)
+        phases[k] = advance_phase(phases[k - 1], float(plan.speed_mps[k]), STEP_S, gait)
     poses = []
     for number in range(int(plan.duration_s * rate_hz) + 1):
-        k = min(len(phases) - 1, round(number / rate_hz / _STEP_S))
+        k = min(len(phases) - 1, round(number / rate_hz / STEP_S))
         x_m, y_m = plan.position_m[k]
         heading, speed = float(plan.heading_rad[k]), float(plan.speed_mps[k])
         pose = head_pose(float(x_m), float(y_m), heading, float(plan.stamp_s[k]), float(phases[k]), speed, gait, mount)
         poses.append((float(plan.stamp_s[k]), pose))
     return poses
-
-
-def recorded_walk(
-    building: Building,
-    seed: int,
-    rate_hz: float = 10.0,
-    size_px: tuple[int, int] = (320, 240),
-    max_length_m: float = math.inf,
-    renderer: Renderer | None = None,
-    fisheye: FisheyeCamera | None = None,
-) -> Iterator[tuple[Frame, Transform]]:
-    """Walk through the building with the camera and yield each frame with the true ``world_from_camera``.
-
-    ``max_length_m`` ends the walk early; ``renderer`` is one that exists already; ``fisheye`` is a second camera on the
-    glasses. The same arguments give the same bytes.
-    """
-    camera = head_camera(*size_px)
-    model = CameraModel(camera, seed)
-    second = None if fisheye is None else FisheyeModel(fisheye, seed)
-    drawing = renderer_of(building) if renderer is None else renderer
-    plan = plan_walk(building.road_waypoints, seed)
-    travelled = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(plan.position_m, axis=0).T))])
-    yaw_rates_rad_s = np.gradient(plan.heading_rad, _STEP_S)
-    for number, (stamp_s, pose) in enumerate(head_trajectory(plan, rate_hz)):
-        sample = min(len(travelled) - 1, round(stamp_s / _STEP_S))
-        if travelled[sample] > max_length_m:
-            return
-        placements, yaw_rate_rad_s = building.placements_at(stamp_s), float(yaw_rates_rad_s[sample])
-        view = drawing.render(camera, pose, placements)
-        frame = model.capture(view, stamp_s, number, yaw_rate_rad_s)
-        if second is not None:
-            picture = second.capture(drawing, pose, stamp_s, number, placements, yaw_rate_rad_s)
-            frame = replace(frame, fisheye=picture)
-        yield frame, pose
-
-
-def record_walk(
-    folder: Path,
-    seed: int = 0,
-    size_px: tuple[int, int] = (320, 240),
-    rate_hz: float = 10.0,
-    progress: Callable[[int, int], None] | None = None,
-    max_length_m: float = math.inf,
-    building: Building | None = None,
-    renderer: Renderer | None = None,
-    fisheye: FisheyeCamera | None = None,
-) -> int:
-    """Write the sighted person's walk as a recording (with its ground truth) and return the number of frames.
-
-    ``progress`` is called with the number of frames done and their total (an upper bound when the walk ends early).
-    """
-    floor = office_floor() if building is None else building
-    total = len(head_trajectory(plan_walk(floor.road_waypoints, seed), rate_hz))
-    writer = RecordingWriter(folder, head_camera(*size_px), fisheye=fisheye)
-    walked: list[tuple[float, Transform]] = []
-    for frame, pose in recorded_walk(floor, seed, rate_hz, size_px, max_length_m, renderer, fisheye):
-        writer.add(frame, pose)
-        walked.append((frame.stamp_s, pose))
-        if progress is not None:
-            progress(len(walked), total)
-    for mark in spoken_marks(floor, walked):
-        writer.mark(mark)
-    writer.close()
-    return len(walked)

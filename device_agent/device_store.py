@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import os
-import shutil
 from pathlib import Path
 
 from navcore.errors import InputError, SettingError, SiteError
+from navcore.folder_swap import swap_in
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import save_poi_graph
@@ -69,16 +69,6 @@ class DeviceStore:
 
     def swap_map(self, staging: Path) -> None:
         """Move a staged site into place. Raises OSError or SiteError, and the old site stays then."""
-        old = self.site_folder.with_name(f".{self.site_folder.name}-replaced")
-        shutil.rmtree(old, ignore_errors=True)
         if not staging.is_dir():
             raise SiteError(f"The new map is no longer at {staging}: publish it again.")
-        if self.site_folder.exists():
-            os.replace(self.site_folder, old)
-        try:
-            os.replace(staging, self.site_folder)
-        except OSError:
-            if old.exists():
-                os.replace(old, self.site_folder)
-            raise
-        shutil.rmtree(old, ignore_errors=True)
+        swap_in(staging, self.site_folder)

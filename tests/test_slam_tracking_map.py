@@ -1,12 +1,18 @@
 """The growing map keeps its two tables in step; the frozen one is stored, checked and moved."""
 
+from concurrent.futures import ThreadPoolExecutor
+
 import numpy as np
 import pytest
 
 from navcore.errors import SiteError
+from navcore.slam.features import feature_count_for
+from navcore.slam.keyframes import SlamCamera
+from navcore.slam.local_mapping import LocalMapping
+from navcore.slam.loop_closing import LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.mapper import Mapper
-from navcore.slam.rehearsal import rehearse
+from navcore.slam.rehearsal import REHEARSAL_CAMERA, rehearse, sliding_frames
 from navcore.slam.slam_map import SlamMap
 
 
@@ -72,6 +78,36 @@ def test_the_same_frames_give_the_same_bytes() -> None:
     assert first.keys() == second.keys()
     for name in first:
         assert first[name].tobytes() == second[name].tobytes(), name
+
+
+def test_mapping_beside_tracking_gives_the_same_bytes() -> None:
+    def mapped(executor: ThreadPoolExecutor | None) -> tuple[Mapper, list[bytes]]:
+        count = feature_count_for(REHEARSAL_CAMERA.width_px, REHEARSAL_CAMERA.height_px, 600)
+        mapper = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), count, executor=executor)
+        poses = []
+        for frame, _ in sliding_frames(60):
+            mapper.add(frame)
+            poses.append(mapper.world_from_camera.tobytes())
+        return mapper, poses
+
+    in_line, poses_in_line = mapped(None)
+    with ThreadPoolExecutor(1) as executor:
+        beside, poses_beside = mapped(executor)
+        assert poses_beside == poses_in_line, "what is known while running is the same, too"
+        first, second = in_line.finish().to_arrays(), beside.finish().to_arrays()
+    assert first.keys() == second.keys()
+    for name in first:
+        assert first[name].tobytes() == second[name].tobytes(), name
+
+
+def test_an_error_of_mapping_reaches_the_caller() -> None:
+    builder = rehearse(30)[0].builder
+    with ThreadPoolExecutor(1) as executor:
+        local = LocalMapping(builder, LoopCloser(builder), executor)
+        local.begin(10**6)
+        with pytest.raises(IndexError):
+            local.settle()
+        assert local.settle() is None
 
 
 def test_arrays_can_be_read_back(wall: tuple[Mapper, SlamMap, np.ndarray]) -> None:

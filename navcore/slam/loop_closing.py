@@ -18,9 +18,9 @@ from navcore.slam.loop_verification import VerifiedLoop, verify
 from navcore.slam.map import MapBuilder
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
 
-FIRST_TRAINING = 16
+FIRST_TRAINING = 6
 """Key frames at which the vocabulary is trained for the first time; again whenever there are four times as many."""
-MIN_AGE = 10
+MIN_AGE = 5
 """Key frames that must lie between the two ends of a loop."""
 COVISIBLE = 15
 """Shared landmarks that make two key frames neighbours: between them nothing needs to be closed."""

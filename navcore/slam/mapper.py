@@ -1,13 +1,14 @@
 """Building the map, one frame after the other.
 
-Mapping runs in line with tracking, so that the same recording gives the same map. :class:`Mapper` takes frames and
-closes the map with ``finish``. What a frame leaves is its pose relative to a key frame, so that the whole trajectory
-follows when key frames are moved by loop closing and adjustment.
+:class:`Mapper` takes frames and closes the map with ``finish``; the same recording gives the same map, also where local
+mapping runs beside tracking (see :mod:`navcore.slam.local_mapping`). What a frame leaves is its pose relative to a key
+frame, so that the whole trajectory follows when key frames are moved by loop closing and adjustment.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +21,7 @@ from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
+from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
@@ -45,7 +47,7 @@ MIN_BESIDE_DEPTH = 10
 """Points that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
-KEYFRAME_RATIO = 0.6
+KEYFRAME_RATIO = 0.7
 """A key frame is due when fewer landmarks are tracked than this share of the most since the last one."""
 MAX_KEYFRAME_INTERVAL_S = 3.0
 """A key frame is due after this time, where the camera moved."""
@@ -65,7 +67,8 @@ class FramePose:
 class Mapper:
     """Builds a map from frames in the order of their stamps.
 
-    ``max_drift`` bounds what a loop may correct.
+    ``executor`` runs local mapping beside tracking, in line where None; ``max_drift`` bounds what a loop may correct.
+    Between two frames the map may be at work: read counts and poses here, and ``builder`` after :meth:`settle`.
     """
 
     def __init__(
@@ -74,9 +77,10 @@ class Mapper:
         camera: SlamCamera,
         feature_count: int,
         *,
+        executor: Executor | None = None,
         max_drift: DriftGate = DRIFT_OF_A_WALK,
     ) -> None:
-        self._begin(MapBuilder(camera, feature_count), intrinsics, camera, feature_count, max_drift)
+        self._begin(MapBuilder(camera, feature_count), intrinsics, camera, feature_count, executor, max_drift)
 
     def _begin(
         self,
@@ -84,6 +88,7 @@ class Mapper:
         intrinsics: CameraIntrinsics,
         camera: SlamCamera,
         feature_count: int,
+        executor: Executor | None,
         max_drift: DriftGate,
     ) -> None:
         self.intrinsics = intrinsics
@@ -96,6 +101,7 @@ class Mapper:
         self._cold: Track | None = None
         self._extractor = FeatureExtractor(intrinsics, camera, feature_count)
         self._closer = LoopCloser(self.builder, max_drift=max_drift)
+        self._local = LocalMapping(self.builder, self._closer, executor)
         self._depth = DepthCarrier(self.builder)
         self._carried: Carried | None = None
         self._last: Track | None = None
@@ -103,6 +109,7 @@ class Mapper:
         self._reference = -1
         self._most_tracked = 0
         self._last_keyframe_s = 0.0
+        self._counts = (0, 0, 0)
 
     @classmethod
     def continuing(
@@ -113,6 +120,7 @@ class Mapper:
         feature_count: int,
         *,
         earlier: Sequence[FramePose] = (),
+        executor: Executor | None = None,
         max_drift: DriftGate = DRIFT_OF_A_WALK,
     ) -> Mapper:
         """Return a mapper that adds another recording to a map.
@@ -128,7 +136,8 @@ class Mapper:
         if not builder.keyframe_alive.any():
             raise MappingError("The map holds no key frame: build it anew from its recording.")
         mapper = cls.__new__(cls)
-        mapper._begin(builder, intrinsics, camera, feature_count, max_drift)
+        mapper._begin(builder, intrinsics, camera, feature_count, executor, max_drift)
+        mapper._count()
         mapper.frame_poses += earlier
         mapper._earlier_count = len(earlier)
         return mapper
@@ -152,22 +161,23 @@ class Mapper:
 
     @property
     def keyframe_count(self) -> int:
-        """Key frames that live."""
-        return int(np.count_nonzero(self.builder.keyframe_alive))
+        """Key frames that live, as of the last settled one."""
+        return self._counts[0]
 
     @property
     def landmark_count(self) -> int:
-        """Landmarks that live."""
-        return int(np.count_nonzero(self.builder.landmark_alive))
+        """Landmarks that live, as of the last settled key frame."""
+        return self._counts[1]
 
     @property
     def loop_count(self) -> int:
-        """Loops that were closed."""
-        return len(self._closer.closures)
+        """Loops that were closed, as of the last settled key frame."""
+        return self._counts[2]
 
     def add(self, frame: Frame) -> bool:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
         features = self._extractor.extract(frame)
+        self.settle()
         depth = DepthView(self.builder.camera, frame.depth_m)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features, depth)
@@ -182,11 +192,29 @@ class Mapper:
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
         if self._is_keyframe_due(track):
-            track = self._insert_keyframe(track, depth)
-        camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
+            self._insert_keyframe(track, depth)
+            camera_from_reference = np.eye(4)
+        else:
+            camera_from_reference = track.camera_from_world @ inverse_se3(self.builder.pose_of(self._reference))
         self.frame_poses.append(FramePose(stamp_s, self._reference, camera_from_reference))
         self._before_last, self._last = (self._last if self._was_tracked() else None), track
         return True
+
+    def settle(self) -> None:
+        """Wait for local mapping; afterwards ``builder`` is at rest until the next frame."""
+        settled = self._local.settle()
+        if settled is None:
+            return
+        self._last = self._track_of(settled.keyframe)
+        if settled.has_closed_loop:
+            # The map has moved under the camera; its velocity is to be learned anew.
+            self._before_last = None
+        self._count()
+
+    def _count(self) -> None:
+        builder = self.builder
+        alive = int(np.count_nonzero(builder.keyframe_alive)), int(np.count_nonzero(builder.landmark_alive))
+        self._counts = (*alive, len(self._closer.closures))
 
     def _was_tracked(self) -> bool:
         return len(self.frame_poses) >= 2 and self.frame_poses[-2].reference >= 0
@@ -204,7 +232,9 @@ class Mapper:
                 self._held.pop(0)
                 self.dropped_count += 1
             return False
-        self._last = self._insert_keyframe(found, depth)
+        self._insert_keyframe(found, depth)
+        self._last = found
+        self.settle()
         anchor = self._reference
         self.frame_poses.append(FramePose(stamp_s, anchor, np.eye(4)))
         self._follow_backwards()
@@ -216,6 +246,7 @@ class Mapper:
         held, self._held, self._cold = self._held, [], None
         for stamp_s, features, depth in reversed(held):
             self._follow(stamp_s, features, depth)
+            self.settle()
 
     # --------------------------------------------------------------------------------------------- tracking
     def _start(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
@@ -229,6 +260,7 @@ class Mapper:
         self._reference, self._last_keyframe_s = index, stamp_s
         self._last = self._track_of(index)
         self.frame_poses.append(FramePose(stamp_s, index, np.eye(4)))
+        self._count()
         return True
 
     def _track_of(self, keyframe: int) -> Track:
@@ -320,29 +352,18 @@ class Mapper:
         needs_close = tracked_close < 100 and new_close > 70
         return late or needs_close or count < KEYFRAME_RATIO * self._most_tracked
 
-    def _insert_keyframe(self, track: Track, depth: DepthView) -> Track:
-        builder = self.builder
-        index = builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
+    def _insert_keyframe(self, track: Track, depth: DepthView) -> None:
+        index = self.builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._depth.keep(index, depth)
         if track.inlier_count < MIN_TRACKED:
-            builder.depth_carried.add(index)
-        self._last_keyframe_s = track.stamp_s
-        self._most_tracked = 0
-        builder.refresh_landmarks(track.landmarks)
-        mapping.cull_young_landmarks(builder, index)
-        mapping.add_landmarks_from_depth(builder, index)
-        mapping.fuse_with_neighbours(builder, index)
-        mapping.adjust_locally(builder, index)
-        mapping.cull_redundant_keyframes(builder, index)
-        if self._closer.add(index) is not None:
-            # The map has moved under the camera; its velocity is to be learned anew.
-            self._last = None
-        self._reference = index
-        return self._track_of(index)
+            self.builder.depth_carried.add(index)
+        self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0
+        self._local.begin(index)
 
     # ---------------------------------------------------------------------------------------------- result
     def finish(self) -> SlamMap:
         """Close the loops that are still open, adjust the whole map, and return it. Raises MappingError."""
+        self.settle()
         if not self.is_anchored and self._held:
             raise MappingError(
                 "No frame of the recording was recognised in the map: begin it, or let it pass, where the map has been."
@@ -355,6 +376,7 @@ class Mapper:
                 " in good light, 0.5 to 4 m from things with texture."
             )
         self._closer.finish()
+        self._count()
         return freeze(self.builder, self._closer.places, self.trajectory())
 
     def trajectory(self) -> list[tuple[float, FloatArray]]:
@@ -362,6 +384,7 @@ class Mapper:
 
         Those of earlier recordings, given to :meth:`continuing`, come first.
         """
+        self.settle()
         own = sorted(self.frame_poses[self._earlier_count :], key=lambda pose: pose.stamp_s)
         return [
             (p.stamp_s, inverse_se3(p.camera_from_reference @ self.builder.pose_of(p.reference)))

@@ -27,11 +27,11 @@ LEVER_M = 2.0
 MIN_SENSITIVITY = 0.001
 """Mean squared change of the distances per metre moved, below which surfaces say nothing of a direction."""
 DOUBTFUL_SENSITIVITY = 0.06
-"""Below this, the information could come from the noise of the normals: the costs beside the pose decide."""
+"""Below this, the information could come from the noise of the normals: χ² beside the pose decides."""
 PROBE_M = 0.04
-"""How far beside the pose they are looked at."""
+"""How far beside the pose it is looked at."""
 MIN_CURVATURE_SHARE = 0.4
-"""Share of the promised rise of the cost that must be seen there."""
+"""Share of the promised rise of χ² that must be seen there."""
 CORRELATED_CELLS = 60.0
 """Errors of neighbouring cells are alike (smoothing, calibration, objects): so many count as one."""
 MIN_MATCHED = 150
@@ -74,6 +74,7 @@ class _Equations:
     h: FloatArray
     g: FloatArray
     cost: float
+    chi2: float
     squares: float
     matched: int
     contradicted: int
@@ -113,10 +114,10 @@ def align_depth(reference: DepthModel, seen: DepthModel, camera_from_reference: 
 
 def _equations(reference: DepthModel, seen: DepthModel, pose: FloatArray, gate_m: float, stride: int) -> _Equations:
     h, g = np.empty((6, 6)), np.empty(6)
-    cost, squares, matched, contradicted, known = accumulate(
+    cost, chi2, squares, matched, contradicted, known = accumulate(
         reference.surface, seen.surface, pose, *seen.pinhole, gate_m, stride, h, g
     )
-    return _Equations(h * np.outer(_SCALE, _SCALE), g * _SCALE, cost, squares, matched, contradicted, known)
+    return _Equations(h * np.outer(_SCALE, _SCALE), g * _SCALE, cost, chi2, squares, matched, contradicted, known)
 
 
 def _descend(
@@ -180,7 +181,7 @@ def _curvature_share(
     direction: FloatArray,
     value: float,
 ) -> float:
-    """Return the rise of the cost on both sides of a pose as a share of what ``value`` promises, points matched anew.
+    """Return the rise of χ² on both sides of a pose as a share of what ``value`` promises, points matched anew.
 
     Noisy normals promise that moving along a blank wall matters; the wall is found to be the same all along.
     """
@@ -189,7 +190,7 @@ def _curvature_share(
         beside = _equations(reference, seen, _moved(pose, side * direction), GATES_M[-1], 1)
         if beside.matched < MIN_MATCHED:
             return 0.0
-        rise += beside.cost / beside.matched - equations.cost / equations.matched
+        rise += beside.chi2 / beside.matched - equations.chi2 / equations.matched
     return float(rise * equations.matched / (2.0 * value * PROBE_M**2))
 
 

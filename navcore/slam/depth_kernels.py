@@ -144,17 +144,18 @@ def accumulate(
     stride: int,
     h: FloatArray,
     g: FloatArray,
-) -> tuple[float, float, int, int, int]:
+) -> tuple[float, float, float, int, int, int]:
     """Fill the normal equations h (6, 6), g (6,) of the distances between two surfaces, point to plane.
 
     Each point of the model is compared with the surface that the other view sees in its direction. Return the robust
-    cost, the sum of the squared distances, and how many points match, are contradicted, and are known.
+    cost, χ² without robustness, the sum of the squared distances, and how many points match, are contradicted, and are
+    known.
     """
     h[:] = 0.0
     g[:] = 0.0
     t = seen_from_model
     rows, columns = seen.shape[0], seen.shape[1]
-    cost, squares = 0.0, 0.0
+    cost, chi2, squares = 0.0, 0.0, 0.0
     matched, contradicted, known = 0, 0, 0
     j = np.empty(6)
     for row in range(0, model.shape[0], stride):
@@ -177,15 +178,19 @@ def accumulate(
             nz = t[2, 0] * ax + t[2, 1] * ay + t[2, 2] * az
             bx, by, bz = seen[v, u, 3], seen[v, u, 4], seen[v, u, 5]
             dx, dy, dz = x - seen[v, u, 0], y - seen[v, u, 1], z - seen[v, u, 2]
-            distance = math.sqrt(dx * dx + dy * dy + dz * dz)
-            if distance > gate_m * (1.0 + 0.1 * z) or nx * bx + ny * by + nz * bz < 0.8:
+            # The plane between both: the distance is then right to second order in the rotation.
+            mean_x, mean_y, mean_z = nx + bx, ny + by, nz + bz
+            length = math.sqrt(mean_x * mean_x + mean_y * mean_y + mean_z * mean_z)
+            e = (mean_x * dx + mean_y * dy + mean_z * dz) / max(length, 1e-6)
+            # An oblique cell is long: the two points may lie as far apart along the surface.
+            facing = -(bx * x + by * y + bz * z) / math.sqrt(x * x + y * y + z * z)
+            long_m = z / (fx * max(facing, 0.1))
+            apart2 = dx * dx + dy * dy + dz * dz
+            limit_m = gate_m * (1.0 + 0.1 * z)
+            if abs(e) > limit_m or apart2 > (limit_m + long_m) ** 2 or nx * bx + ny * by + nz * bz < 0.8:
                 contradicted += 1
                 continue
-            # The plane between both: the distance is then right to second order in the rotation.
-            nx, ny, nz = nx + bx, ny + by, nz + bz
-            length = math.sqrt(nx * nx + ny * ny + nz * nz)
-            nx, ny, nz = nx / length, ny / length, nz / length
-            e = nx * dx + ny * dy + nz * dz
+            nx, ny, nz = mean_x / length, mean_y / length, mean_z / length
             sigma = 0.003 + INVERSE_NOISE * z * z
             chi = abs(e) / sigma
             w = 1.0 / (sigma * sigma)
@@ -195,6 +200,7 @@ def accumulate(
             else:
                 cost += chi * chi
             matched += 1
+            chi2 += chi * chi
             squares += e * e
             j[0], j[1], j[2] = nx, ny, nz
             j[3], j[4], j[5] = y * nz - z * ny, z * nx - x * nz, x * ny - y * nx
@@ -206,4 +212,4 @@ def accumulate(
     for k in range(6):
         for m in range(k):
             h[k, m] = h[m, k]
-    return cost, squares, matched, contradicted, known
+    return cost, chi2, squares, matched, contradicted, known

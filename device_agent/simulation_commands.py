@@ -18,6 +18,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     record = actions.add_parser("record", help="record the simulated sighted person's walk")
     record.add_argument("folder", type=Path, metavar="FOLDER", help="new folder for the recording")
     add_simulation_options(record, seed=0)
+    record.add_argument("--floor", default="office", metavar="NAME", help="office (default) or blank-corridor")
     record.add_argument(
         "--max-length-m", type=positive_number, default=math.inf, help="end the walk after this distance"
     )
@@ -32,13 +33,14 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 def _record(arguments: argparse.Namespace) -> int:
     from device_agent.progress import progress_bar
     from device_agent.simulation.fisheye_sensor import head_fisheye
+    from device_agent.simulation.floors import floor_named
     from device_agent.simulation.walk_recording import record_walk
 
     folder: Path = arguments.folder
     if folder.exists() and any(folder.iterdir()):
         raise InputError(f"{folder} is not empty: name a new folder for the recording.")
     fisheye = head_fisheye() if arguments.fisheye else None
-    scenario = scenario_from(arguments)
+    scenario, floor = scenario_from(arguments), floor_named(arguments.floor)
     with progress_bar("Walking through the simulated building") as report:
         record = record_walk(
             folder,
@@ -47,6 +49,7 @@ def _record(arguments: argparse.Namespace) -> int:
             arguments.rate_hz,
             report,
             arguments.max_length_m,
+            floor,
             fisheye=fisheye,
             scenario=scenario,
             min_length_m=arguments.min_length_m,

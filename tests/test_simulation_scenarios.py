@@ -7,11 +7,15 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from device_agent.cli import main
+from device_agent.simulation.blank_corridor import blank_corridor
 from device_agent.simulation.building import Building, push_from_solids, touchable
+from device_agent.simulation.floors import FLOORS, floor_named
+from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.passers_by import SHOWN_SHARE
 from device_agent.simulation.people import BODY_RADIUS_M
 from device_agent.simulation.refurnishing import refurnished
@@ -185,3 +189,33 @@ def test_a_scenario_is_recorded_by_command(tmp_path: Path, capsys: pytest.Captur
     assert 0.1 < np.mean(table[:, 1] >= SHOWN_SHARE) < 0.4
     with pytest.raises(SystemExit):
         main(["sim", "record", str(tmp_path / "other"), "--dark", "5"])
+
+
+@pytest.mark.parametrize("name", FLOORS)
+def test_every_floor_can_be_walked(name: str) -> None:
+    floor = floor_named(name)
+    solids = touchable(floor.solids)
+    assert floor.road_waypoints[0] in {(place.x_m, place.y_m) for place in floor.places.values()}
+    for x_m, y_m in plan_walk(floor.road_waypoints, seed=1).position_m[::20]:
+        assert push_from_solids(solids, float(x_m), float(y_m))[0] > 0.5
+        assert any(room.x0_m < x_m < room.x1_m and room.y0_m < y_m < room.y1_m for room in floor.rooms)
+
+
+def test_an_unknown_floor_is_refused() -> None:
+    with pytest.raises(InputError, match="office"):
+        floor_named("cellar")
+
+
+def test_the_blank_corridor_is_blank(office_renderer: Renderer) -> None:
+    floor = blank_corridor()
+    staged = staged_walk(floor, rate_hz=1.0, max_length_m=16.0)
+    corners = [
+        cv2.goodFeaturesToTrack(cv2.cvtColor(shot.frame.colour_rgb, cv2.COLOR_RGB2GRAY), 500, 0.01, 4)
+        for shot in shots(staged, 0, (320, 240))
+    ]
+    counts = [0 if found is None else len(found) for found in corners]
+    office = [
+        len(cv2.goodFeaturesToTrack(cv2.cvtColor(shot.frame.colour_rgb, cv2.COLOR_RGB2GRAY), 500, 0.01, 4))
+        for shot in shots(staged_walk(office_floor(), rate_hz=0.5, max_length_m=5.0), 0, (320, 240), office_renderer)
+    ]
+    assert np.median(counts[-6:]) < 0.3 * np.median(office)

@@ -89,6 +89,14 @@ class RayScene:
         surface: I32 = answer["primitive_ids"].numpy().view(np.int32) >> 1
         return distance, surface
 
+    def nearest_m(self, points_m: F32) -> F32:
+        """Return the distance (n,) of points (n, 3) from the nearest surface, metres."""
+        if self._is_empty:
+            return np.full(len(points_m), np.inf, np.float32)
+        answer = self._scene.compute_distance(self._tensor.from_numpy(points_m), nthreads=RAY_THREADS)
+        distance: F32 = answer.numpy()
+        return distance
+
     def blocked(self, rays: F32, reach: float = 1.0) -> NDArray[np.bool_]:
         """Tell (n,) whether anything is hit before ``reach`` lengths of the direction."""
         if self._is_empty:

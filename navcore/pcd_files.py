@@ -126,7 +126,7 @@ def _from_text(data: bytes, header: _Header) -> dict[str, NDArray[Any]]:
     forms = [header.row[name] for name in names]
     widths = [int(np.prod(form.shape, dtype=np.int64)) for form in forms]
     table = table_from_text(data[header.end :], header.count, sum(widths))
-    starts = np.cumsum([0, *widths])
+    starts = np.cumsum([0, *widths])[:-1]
     columns: dict[str, NDArray[Any]] = {}
     for name, form, start, width in zip(names, forms, starts.tolist(), widths, strict=True):
         column = table[:, start] if width == 1 else table[:, start : start + width]

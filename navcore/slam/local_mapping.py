@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from navcore.slam import mapping
 from navcore.slam.loop_closing import LoopCloser
 from navcore.slam.map import MapBuilder
+from navcore.slam.triangulation import add_landmarks_without_depth
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +63,7 @@ class LocalMapping:
         builder.refresh_landmarks(row[row >= 0])
         mapping.cull_young_landmarks(builder, keyframe)
         mapping.add_landmarks_from_depth(builder, keyframe)
+        add_landmarks_without_depth(builder, keyframe, mapping.MAX_LANDMARK_DEPTH_M)
         mapping.fuse_with_neighbours(builder, keyframe)
         mapping.adjust_locally(builder, keyframe)
         mapping.cull_redundant_keyframes(builder, keyframe)

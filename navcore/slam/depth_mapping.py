@@ -9,6 +9,8 @@ from navcore.slam.depth_model import DepthModel, grid_shape, model_of_grid
 from navcore.slam.depth_tracking import Carried, DepthView, carry, nearest_view
 from navcore.slam.map import MapBuilder
 
+MIN_TRACKED = 25
+"""Landmarks that must agree for a frame to count as tracked by them."""
 SPARSE_LANDMARKS = 50
 """Fewer landmarks than this, and depth is asked as well."""
 KEYFRAME_OVERLAP = 0.6

@@ -21,6 +21,8 @@ MAX_FEATURES = 20_000
 """Features of one key frame, at most."""
 MAX_TABLE_ENTRIES = 1 << 28
 """Entries of the table of key frames by features, at most: 1 GiB."""
+MAX_DEPTH_CELLS = 20_000
+"""Cells of one key frame's depth grid, at most."""
 MAX_COORDINATE_M = 100_000.0
 MAX_PIXEL = 100_000.0
 MAX_SESSIONS = 64
@@ -31,6 +33,7 @@ SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
     "camera": (np.float64, (7,)),
     "keyframe_stamp_s": (np.float64, ("K",)),
     "keyframe_session": (np.int32, ("K",)),
+    "keyframe_depth": (np.uint16, ("K", "R", "C")),
     "camera_from_world": (np.float64, ("K", 4, 4)),
     "parent": (np.int32, ("K",)),
     "loop_edges": (np.int32, ("L", 2)),
@@ -86,12 +89,14 @@ def checked_arrays(arrays: Arrays) -> dict[str, NDArray[Any]]:
 
 
 def _with_one_session(arrays: Arrays) -> Arrays:
-    """Maps of the first schema were made of one recording and do not say so."""
-    missing = {
+    """Maps of the first schema were made of one recording and do not say so; their key frames kept no depth."""
+    missing: dict[str, NDArray[Any]] = {
         name: np.zeros(len(arrays[like]), np.int32)
         for name, like in _SINCE_SECOND_SCHEMA.items()
         if name not in arrays and like in arrays and arrays[like].ndim
     }
+    if "keyframe_depth" not in arrays and "keyframe_stamp_s" in arrays and arrays["keyframe_stamp_s"].ndim:
+        missing["keyframe_depth"] = np.zeros((len(arrays["keyframe_stamp_s"]), 1, 1), np.uint16)
     return {**arrays, **missing}
 
 
@@ -124,6 +129,8 @@ def _check_features(arrays: dict[str, NDArray[Any]], lengths: dict[str, int]) ->
     most = int(np.diff(start).max())
     if most > MAX_FEATURES or most * lengths["K"] > MAX_TABLE_ENTRIES:
         raise damaged("a key frame has more features than any camera gives")
+    if lengths["R"] * lengths["C"] > MAX_DEPTH_CELLS:
+        raise damaged("keyframe_depth has more cells than any key frame keeps")
     uvr = arrays["feature_uvr_px"]
     if not (np.abs(uvr[:, :2]) <= MAX_PIXEL).all() or np.isinf(uvr[:, 2]).any():
         raise damaged("feature_uvr_px lies outside every image")

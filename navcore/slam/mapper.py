@@ -16,7 +16,7 @@ import numpy as np
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
-from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, SPARSE_LANDMARKS, DepthCarrier
+from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MIN_TRACKED, SPARSE_LANDMARKS, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
@@ -41,13 +41,11 @@ MIN_START_POINTS = 100
 """Features with depth that the first frame needs."""
 MIN_TRACKED_FRAMES = 5
 """A map needs so many tracked frames."""
-MIN_TRACKED = 25
-"""Landmarks that must agree for a frame to count as tracked."""
 MIN_BESIDE_DEPTH = 10
 """Points that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
-KEYFRAME_RATIO = 0.7
+KEYFRAME_RATIO = 0.75
 """A key frame is due when fewer landmarks are tracked than this share of the most since the last one."""
 MAX_KEYFRAME_INTERVAL_S = 3.0
 """A key frame is due after this time, where the camera moved."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
+from navcore.slam import depth_alignment
 from navcore.slam.features import feature_count_for
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.localizer import Localizer
@@ -51,6 +52,7 @@ def rehearse(count: int) -> tuple[Mapper, Localizer, FloatArray]:
 
 def warm_up() -> None:
     """Compile every kernel of mapping and localization."""
+    depth_alignment.warm_up()
     _, localizer, _ = rehearse(30)
     for frame, _ in sliding_frames(3):
         localizer.locate(frame)

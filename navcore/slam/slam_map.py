@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
+from navcore.slam.depth_model import grid_shape
 from navcore.slam.keyframes import NO_LANDMARK, ByteArray, IntArray, SlamCamera
 from navcore.slam.map import MapBuilder
 from navcore.slam.map_arrays import SHAPES, checked_arrays, damaged
@@ -36,6 +37,9 @@ class SlamMap:
     """(K,)."""
     keyframe_session: IntArray
     """(K,): the recording that each key frame comes from, ascending; stamps are only comparable within one."""
+    keyframe_depth: NDArray[np.uint16]
+    """(K, rows, columns): the surfaces each key frame saw, the grid of :class:`navcore.slam.depth_model.DepthModel`;
+    all zero where none was kept."""
     camera_from_world: FloatArray
     """(K, 4, 4): poses of the key frames."""
     parent: IntArray
@@ -182,6 +186,7 @@ def freeze(
     arrays: dict[str, NDArray[Any]] = {
         "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
         "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
+        "keyframe_depth": _depth_grids(builder, alive),
         "camera_from_world": builder.camera_from_world[alive],
         "parent": new_keyframe[builder.parent[alive]],
         "loop_edges": _renumbered([(i, j) for i, j, _ in builder.loop_edges], new_keyframe),
@@ -205,6 +210,14 @@ def freeze(
     for k, feature in zip(alive.tolist(), features, strict=True):
         index.add(int(new_keyframe[k]), feature.descriptors)
     return _assembled(builder.camera, index, arrays)
+
+
+def _depth_grids(builder: MapBuilder, alive: Int64Array) -> NDArray[np.uint16]:
+    grids = np.zeros((len(alive), *grid_shape(builder.camera)), np.uint16)
+    for place, keyframe in enumerate(alive.tolist()):
+        if keyframe in builder.depth_grids:
+            grids[place] = builder.depth_grids[keyframe]
+    return grids
 
 
 def _renumbered(edges: list[tuple[int, int]], new_keyframe: IntArray) -> IntArray:

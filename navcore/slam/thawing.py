@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from navcore.geometry import FloatArray
+from navcore.slam.depth_mapping import MIN_TRACKED
+from navcore.slam.depth_model import grid_shape
 from navcore.slam.features import GRID_PX, sort_into_cells
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.map import MapBuilder
@@ -41,12 +43,22 @@ def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray) ->
         added.append(
             builder.add_keyframe(float(moved.keyframe_stamp_s[k]), features, moved.camera_from_world[k], shown)
         )
+        _keep_depth(builder, added[-1], moved, k)
     index = np.array(added, dtype=np.int32)
     builder.parent[index] = np.where(moved.parent >= 0, index[moved.parent], NO_LANDMARK)
     poses = builder.camera_from_world
     for i, j in index[moved.loop_edges].tolist():
         builder.loop_edges.append((i, j, poses[i] @ np.linalg.inv(poses[j])))
     return index
+
+
+def _keep_depth(builder: MapBuilder, index: int, slam_map: SlamMap, keyframe: int) -> None:
+    """Let a key frame keep its depth grid, if the builder's camera can use it, and the place that depth gave it."""
+    grid = slam_map.keyframe_depth[keyframe]
+    if slam_map.camera == builder.camera and grid.shape == grid_shape(builder.camera) and grid.any():
+        builder.depth_grids[index] = grid
+    if np.count_nonzero(builder.landmark_of[index] >= 0) < MIN_TRACKED:
+        builder.depth_carried.add(index)
 
 
 def _features_of(slam_map: SlamMap, keyframe: int, camera: SlamCamera) -> tuple[Features, IntArray]:

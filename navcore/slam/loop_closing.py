@@ -34,7 +34,7 @@ AGREEMENT_RAD = 0.05
 """… orientation up to this."""
 MEMORY = 4
 """Detections are compared with those of so many key frames before."""
-SMALL_CORRECTION_M = 0.05
+SMALL_CORRECTION_M = 0.02
 """A loop that moves its key frame by less needs no adjustment of the whole map at once."""
 
 

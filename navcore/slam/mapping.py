@@ -18,9 +18,9 @@ from navcore.slam.tracking import SCALES
 
 MAX_LANDMARK_DEPTH_M = 6.0
 """Depth beyond which a sensor's noise makes no useful landmark."""
-LOCAL_ADJUSTMENT_KEYFRAMES = 15
+LOCAL_ADJUSTMENT_KEYFRAMES = 30
 """Key frames that local bundle adjustment moves, at most."""
-FIXED_KEYFRAMES = 30
+FIXED_KEYFRAMES = 100
 """Key frames that hold them in place, at most."""
 FUSION_NEIGHBOURS = 10
 """Covisible key frames with which landmarks are fused."""
@@ -132,7 +132,7 @@ def _agrees(features: Features, match: IntArray, uvr: FloatArray) -> BoolArray:
 
 
 # -------------------------------------------------------------------------------------------------- adjustment
-def adjust_locally(builder: MapBuilder, keyframe: int, iterations: int = 5) -> None:
+def adjust_locally(builder: MapBuilder, keyframe: int, iterations: int = 10) -> None:
     """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place."""
     neighbours, _ = builder.covisible(keyframe, 15)
     moving = np.concatenate([[keyframe], neighbours[: LOCAL_ADJUSTMENT_KEYFRAMES - 1]]).astype(np.int32)

@@ -171,7 +171,7 @@ def load_site(folder: Path) -> Site:
     try:
         intrinsics = msgspec.json.decode(contents["camera.json"], type=CameraIntrinsics)
         table = _session_table(manifest, contents.get("sessions.json"))
-        cloud = _checked_cloud(folder, by_folder["cloud"])
+        cloud = _checked_cloud(folder, by_folder["cloud"], len(table.sessions))
     except (KeyError, msgspec.MsgspecError) as error:
         raise SiteError(f"The site {folder} is incomplete ({error}): build the map again.") from error
     _check_roads(folder, roads, table)
@@ -309,7 +309,7 @@ def _write_site(site: Site, folder: Path) -> None:
     save_poi_graph(site.poi_graph, folder)
 
 
-def _checked_cloud(folder: Path, cloud: dict[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+def _checked_cloud(folder: Path, cloud: dict[str, NDArray[Any]], sessions: int) -> dict[str, NDArray[Any]]:
     count = len(cloud["points_m"])
     for name, array in cloud.items():
         form = _CLOUD_FORMS.get(name)
@@ -319,6 +319,9 @@ def _checked_cloud(folder: Path, cloud: dict[str, NDArray[Any]]) -> dict[str, ND
     colours, points = cloud["colours_rgb"], cloud["points_m"]
     if len(colours) != count or not (np.abs(points) <= MAX_COORDINATE_M).all():
         raise _of_another_form(folder)
+    seen_by = cloud.get("sessions", np.ones(1, np.uint64))
+    if len(seen_by) and (seen_by.min() == 0 or int(seen_by.max()) >> sessions):
+        raise SiteError(f"The site {folder} holds points of the cloud that no session has seen: build the map again.")
     return cloud
 
 

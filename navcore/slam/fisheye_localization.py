@@ -106,7 +106,7 @@ class FisheyeAid:
                 continue
             unseen = np.full(len(features), NO_LANDMARK, np.int32)
             found = self.join(Track(stamp_s, features, guess, unseen, np.zeros((6, 6))), SEARCH_RADIUS_FACTOR)
-            if found is None:
+            if found is None or not found.is_sure:
                 continue
             if best is not None and is_same_place(best.track, found.track):
                 best = max(best, found, key=lambda match: match.found_count)

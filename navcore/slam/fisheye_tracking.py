@@ -21,12 +21,18 @@ NEAR_M = 5.0
 """Landmarks of key frames within this distance are looked for, whichever way those looked."""
 NEAR_KEYFRAMES = 60
 """Of so many key frames at most, the nearest."""
-MIN_FOUND = 20
+MIN_FOUND = 25
 """Fewer landmarks that agree are no evidence."""
-MIN_AGREEING_SHARE = 0.4
-"""Share of the matches that must agree on the pose: at the true one 0.6 do, at a wrong one a tenth, at most a third."""
-MIN_EXPECTED_SHARE = 0.06
-"""Share of the landmarks in view, hidden or not, that must be found: at the true pose a fifth is, elsewhere 0.02."""
+MIN_AGREEING_SHARE = 0.3
+"""Share of the matches that must agree on the pose: at the true one 0.3–0.75 do, at a wrong one a tenth, at most 0.17,
+and in between on the way from one to the other."""
+SURE_AGREEING_SHARE = 0.4
+"""The same, where nothing else speaks for the pose."""
+MIN_EXPECTED_SHARE = 0.05
+"""Share of the landmarks in view, hidden or not, that must be found: at the true pose a tenth to a fifth is, elsewhere
+0.02."""
+FURTHER_PASSES = 2
+"""Where the matches do not agree well, the pose may be on its way: so many more searches around it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,10 +54,20 @@ class FisheyeMatch:
         return len(self.landmarks)
 
     @property
+    def agreeing_share(self) -> float:
+        """Share of the matches that agree on the pose, 0–1."""
+        return self.found_count / self.matched_count if self.matched_count else 0.0
+
+    @property
     def is_evidence(self) -> bool:
         """Whether they are many, and agree with each other: matches by chance do not."""
-        least = max(MIN_AGREEING_SHARE * self.matched_count, MIN_EXPECTED_SHARE * self.expected_count)
-        return self.found_count >= max(MIN_FOUND, least)
+        enough = self.found_count >= max(MIN_FOUND, MIN_EXPECTED_SHARE * self.expected_count)
+        return enough and self.agreeing_share >= MIN_AGREEING_SHARE
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether they say enough where nothing else speaks for the pose."""
+        return self.is_evidence and self.agreeing_share >= SURE_AGREEING_SHARE
 
 
 def near_keyframes(centres: FloatArray, centre: FloatArray) -> IntArray:
@@ -119,6 +135,13 @@ def joined(
     for factor in (wide, narrow):
         if factor > 0.0:
             match = _refined(view, fisheye, seen, match.track, candidates, factor)
+    for _ in range(FURTHER_PASSES):
+        if match.found_count < MIN_FOUND // 2 or match.is_sure:
+            break
+        further = _refined(view, fisheye, seen, match.track, candidates, narrow)
+        if further.found_count <= match.found_count:
+            break
+        match = further
     return match
 
 

@@ -131,7 +131,7 @@ def _people_share(recording: Recording) -> float | None:
 
 def _cloud_figures(check: CloudCheck) -> dict[str, Any]:
     return {
-        "cloud_points": len(check.points_m),
+        "cloud_points": len(check.is_slice),
         "wall_points": int(np.count_nonzero(check.is_wall)),
         "wall_median_error_m": round(check.wall_median_m, 4),
         "wall_share_within_5cm": round(check.wall_share_within(0.05), 4),

@@ -43,10 +43,11 @@ _WALL_RGB, _TRUE_ROAD_RGB, _ROAD_RGB, _GHOST_RGB = (225, 25, 25), (150, 215, 160
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CloudCheck:
-    """A cloud (n points, in the building's frame), judged."""
+    """The slice of a cloud (n points, in the building's frame), judged."""
 
     points_m: FloatArray
     is_slice: BoolArray
+    """Which points of the whole cloud (k,) the slice has."""
     is_wall: BoolArray
     """Points near walls, and near nothing else."""
     wall_distance_m: FloatArray
@@ -75,19 +76,19 @@ class CloudCheck:
         return float(np.count_nonzero(self.is_ghost)) * VOXEL_M**3
 
 
-def checked_cloud(building: Building, points_m: FloatArray, road_m: FloatArray) -> CloudCheck:
-    """Compare a cloud (n, 3) with the true building; ``road_m`` (k, 2) is the true walk."""
-    is_slice = (points_m[:, 2] > LOW_M) & (points_m[:, 2] < HIGH_M)
-    walls = [s for s in building.solids if s.name.startswith(("wall", "window"))]
-    wall_distance, nearest_wall = _wall_distances(walls, points_m)
-    real = RayScene([surface for surface in building.surfaces if surface.texture != GLASS])
-    clear = real.nearest_m(np.ascontiguousarray(points_m, np.float32)).astype(np.float64)
-    others = _solid_distances([s for s in building.solids if s not in set(walls)], points_m)
-    is_wall = is_slice & (np.abs(wall_distance) < NEAR_WALL_M) & (others > ON_SURFACE_M)
+def checked_cloud(building: Building, cloud_m: FloatArray, road_m: FloatArray) -> CloudCheck:
+    """Compare the slice of a cloud (k, 3) with the true building; ``road_m`` (m, 2) is the true walk."""
+    is_slice = (cloud_m[:, 2] > LOW_M) & (cloud_m[:, 2] < HIGH_M)
+    points_m = cloud_m[is_slice]
+    walls = [solid for solid in building.solids if solid.name.startswith(("wall", "window"))]
+    wall_distance, nearest_wall = _nearest(walls, points_m)
+    others, _ = _nearest([solid for solid in building.solids if solid not in set(walls)], points_m)
+    clear = _clearance(building, points_m)
+    is_wall = (np.abs(wall_distance) < NEAR_WALL_M) & (others > ON_SURFACE_M)
     # A point in the air beside a wall that is on a leaf or a picture's edge is none of the wall's.
     is_wall &= (clear > np.abs(wall_distance) - 0.03) | (np.abs(wall_distance) < 0.05)
     doubled, stretches = _doubled_stretches(walls, points_m[is_wall], wall_distance[is_wall], nearest_wall[is_wall])
-    near_road = is_slice & (cKDTree(road_m).query(points_m[:, :2])[0] < ROAD_REACH_M)
+    near_road = cKDTree(road_m).query(points_m[:, :2])[0] < ROAD_REACH_M
     is_ghost = near_road & (clear > GHOST_CLEAR_M)
     return CloudCheck(
         points_m,
@@ -102,6 +103,13 @@ def checked_cloud(building: Building, points_m: FloatArray, road_m: FloatArray) 
     )
 
 
+def _clearance(building: Building, points_m: FloatArray) -> FloatArray:
+    """Return the distance (n,) of points from everything that is really there."""
+    real = RayScene([surface for surface in building.surfaces if surface.texture != GLASS])
+    clear: FloatArray = real.nearest_m(np.ascontiguousarray(points_m, np.float32)).astype(np.float64)
+    return clear
+
+
 def _distance_from(solid: Solid, points_m: FloatArray) -> FloatArray:
     """Return the signed distance (n,) of points from an upright box, on the floor plan; inf at other heights."""
     c, s = np.cos(solid.yaw_rad), np.sin(solid.yaw_rad)
@@ -114,17 +122,15 @@ def _distance_from(solid: Solid, points_m: FloatArray) -> FloatArray:
     return signed
 
 
-def _wall_distances(walls: list[Solid], points_m: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
-    distances = np.stack([_distance_from(wall, points_m) for wall in walls])
-    nearest = np.argmin(distances, axis=0)
-    return distances[nearest, np.arange(len(points_m))], nearest
-
-
-def _solid_distances(solids: list[Solid], points_m: FloatArray) -> FloatArray:
+def _nearest(solids: list[Solid], points_m: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Return the signed distance (n,) of points from the nearest of several boxes, and which that is."""
     distance = np.full(len(points_m), np.inf)
-    for solid in solids:
-        distance = np.minimum(distance, _distance_from(solid, points_m))
-    return distance
+    nearest = np.zeros(len(points_m), np.int64)
+    for number, solid in enumerate(solids):
+        own = _distance_from(solid, points_m)
+        nearest[own < distance] = number
+        distance = np.minimum(distance, own)
+    return distance, nearest
 
 
 def _doubled_stretches(
@@ -197,7 +203,7 @@ def drawn_cloud(
     """
     view = plan_view(building, _PX_PER_M * _FINER)
     image = np.full((view.height_px, view.width_px, 3), 255, np.uint8)
-    places = np.rint(view.pixels(check.points_m[check.is_slice][:, :2])).astype(np.int64)
+    places = np.rint(view.pixels(check.points_m[:, :2])).astype(np.int64)
     for (column, row), colour in zip(places.tolist(), colours_rgb[check.is_slice].tolist(), strict=True):
         # Darkened, for white walls must show on white paper.
         image[max(0, row - 1) : row + 2, max(0, column - 1) : column + 2] = [value * 2 // 3 for value in colour]

@@ -24,10 +24,11 @@ def true_cloud(office: Building) -> FloatArray:
     for surface in office.surfaces:
         if surface.texture != GLASS:
             a, b, _, d = (np.array(corner) for corner in surface.corners)
-            count = max(1, int(np.linalg.norm(np.cross(b - a, d - a)) * 300))
+            count = max(1, int(np.linalg.norm(np.cross(b - a, d - a)) * 120))
             share = rng.random((count, 2))
             points.append(a + share[:, :1] * (b - a) + share[:, 1:] * (d - a))
     cloud: FloatArray = np.concatenate(points)
+    cloud = cloud[(cloud[:, 2] > 0.2) & (cloud[:, 2] < 1.9)]
     return cloud + rng.normal(0.0, 0.012, cloud.shape)
 
 

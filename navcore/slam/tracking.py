@@ -35,6 +35,12 @@ LAST_FRAME_RADIUS_PX = 15.0
 """Search radius around a point of the last frame, at pyramid level 0, in an image 640 pixels wide."""
 LOCAL_RADIUS_PX = 3.0
 """Times 2.5 or 4 (seen head-on or not): search radius around a landmark of the local map, at pyramid level 0."""
+WIDENINGS = (1.0, 2.5)
+"""Times that radius: what is tried, one after the other."""
+FAR_WIDENINGS = (2.5, 1.0)
+"""The same around a pose that descriptors gave, from coarse to fine."""
+MIN_FAR_MATCHES = 8
+"""Matches by descriptor alone that must agree on one motion."""
 MIN_FRAME_MATCHES = 20
 """Fewer matches than this with the last frame mean that it was not followed."""
 LOCAL_KEYFRAMES = 60
@@ -198,29 +204,41 @@ def track_last_frame(
     """
     points = points_of(last, view)
     usable = np.isfinite(points[:, 2]) & ((last.landmark_of < 0) | view.landmark_alive[last.landmark_of])
-    descriptors = last.features.descriptors
-    scale_px = LAST_FRAME_RADIUS_PX * view.camera.width_px / 640
-    for widening in (1.0, 2.5):
-        uvr = project_points(guess, points, view.camera)
-        visible = usable & np.isfinite(uvr[:, 0])
-        radius = np.where(visible, widening * scale_px * SCALES[last.features.octave], 0.0)
-        match = match_projected(
-            features,
-            uvr[:, :2],
-            np.full(len(uvr), np.nan),
-            radius,
-            last.features.octave - 1,
-            last.features.octave + 1,
-            descriptors,
-            np.zeros(len(features), np.bool_),
-            DISTANCE_LOOSE,
-            0.9,
-            last.features.angle_rad,
-        )
+    for widening in WIDENINGS:
+        match = _match_around(view, last, features, guess, points, usable, widening)
         found = _from_matches(view, last, features, stamp_s, guess, match, points)
         if found is not None:
             return found
     return _track_by_descriptors(view, last, features, stamp_s, points, usable)
+
+
+def _match_around(
+    view: MapView,
+    last: Track,
+    features: Features,
+    guess: FloatArray,
+    points: FloatArray,
+    usable: BoolArray,
+    widening: float,
+) -> IntArray:
+    """Return the feature that shows each point of the last frame (n,), looked for near where a guess puts it."""
+    uvr = project_points(guess, points, view.camera)
+    visible = usable & np.isfinite(uvr[:, 0])
+    scale_px = LAST_FRAME_RADIUS_PX * view.camera.width_px / 640
+    radius = np.where(visible, widening * scale_px * SCALES[last.features.octave], 0.0)
+    return match_projected(
+        features,
+        uvr[:, :2],
+        np.full(len(uvr), np.nan),
+        radius,
+        last.features.octave - 1,
+        last.features.octave + 1,
+        last.features.descriptors,
+        np.zeros(len(features), np.bool_),
+        DISTANCE_LOOSE,
+        0.9,
+        last.features.angle_rad,
+    )
 
 
 def _from_matches(
@@ -249,28 +267,47 @@ def _from_matches(
 def _track_by_descriptors(
     view: MapView, last: Track, features: Features, stamp_s: float, points: FloatArray, usable: BoolArray
 ) -> FrameMatch | None:
+    """Find the pose without a guess: by looks and depth first, then by what is found again around that."""
     match = match_all(
         last.features.descriptors, features.descriptors, 64, 0.85, last.features.angle_rad, features.angle_rad
     )
     match[~usable] = -1
     from_last = np.flatnonzero(match >= 0)
-    if len(from_last) < MIN_FRAME_MATCHES // 2:
+    guess = _guess_from_matches(view, features, match[from_last], points[from_last])
+    if guess is None:
         return None
+    found = None
+    for widening in FAR_WIDENINGS:
+        rematch = _match_around(view, last, features, guess, points, usable, widening)
+        found = _from_matches(view, last, features, stamp_s, guess, rematch, points)
+        if found is None:
+            return None
+        guess = found.track.camera_from_world
+    return found
+
+
+def _guess_from_matches(
+    view: MapView, features: Features, feature_index: IntArray, points: FloatArray
+) -> FloatArray | None:
+    """Return camera_from_world by matched features (m,) and world points (m, 3): rigid where both have a depth."""
+    measured = np.isfinite(features.depth_m[feature_index])
+    in_camera = features.points_in_camera(view.camera)[feature_index[measured]]
+    # Depth gets worse with the square of the distance; a few pixels' worth of it must be allowed.
+    tolerance_m = 0.03 + 0.012 * in_camera[:, 2] ** 2
+    aligned = pose.align_ransac(in_camera, points[measured], tolerance_m, min_inliers=MIN_FAR_MATCHES)
+    if aligned is not None:
+        return aligned[0]
     camera = view.camera
     solved = pose.pnp_ransac(
-        points[from_last],
-        features.uv_px[match[from_last]],
+        points,
+        features.uv_px[feature_index],
         camera.fx_px,
         camera.fy_px,
         camera.cx_px,
         camera.cy_px,
-        min_inliers=MIN_FRAME_MATCHES // 2,
+        min_inliers=MIN_FAR_MATCHES,
     )
-    if solved is None:
-        return None
-    guess, inlier = solved
-    match[from_last[~inlier]] = -1
-    return _from_matches(view, last, features, stamp_s, guess, match, points)
+    return None if solved is None else solved[0]
 
 
 # ------------------------------------------------------------------------------------------------- local map

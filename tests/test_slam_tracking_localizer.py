@@ -66,8 +66,9 @@ def test_covered_camera_is_lost_and_then_found_again(localizer: Localizer, walk:
     for frame, _ in walk[:10]:
         localizer.locate(frame)
     for frame, _ in walk[10:15]:
-        black = dataclasses.replace(frame, colour_rgb=np.zeros_like(frame.colour_rgb))
-        found = localizer.locate(black)
+        nothing = np.full_like(frame.depth_m, np.nan)
+        covered = dataclasses.replace(frame, colour_rgb=np.zeros_like(frame.colour_rgb), depth_m=nothing)
+        found = localizer.locate(covered)
         assert found.quality is LocalizationQuality.LOST
         assert found.world_from_camera is None
         assert found.covariance is None

@@ -14,6 +14,7 @@ import numpy as np
 
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
+from navcore.slam.depth_localization import DepthAid
 from navcore.slam.features import FeatureExtractor, feature_count_for
 from navcore.slam.fisheye_localization import FisheyeAid
 from navcore.slam.fisheye_tracking import FisheyeMatch
@@ -128,6 +129,7 @@ class Localizer:
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
         self._state: LocalizerState | None = None
+        self._depth = DepthAid(slam_map)
         self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
 
     @property
@@ -169,12 +171,34 @@ class Localizer:
                 return self._matched(state, matched, frame, state.confirmations)
             doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
-        return found or self._carried_on(state, moved, doubtful, frame)
+        return found or self._carried_on(state, moved, doubtful, predicted, frame)
 
     def _carried_on(
-        self, state: LocalizerState, moved: FrameMatch | None, doubtful: MapMatch | None, frame: Frame
+        self,
+        state: LocalizerState,
+        moved: FrameMatch | None,
+        doubtful: MapMatch | None,
+        predicted: Track,
+        frame: Frame,
     ) -> LocalizerState | None:
-        """Go on without a convincing match: by odometry, else where the map seemed to match; None when lost."""
+        """Go on without a convincing match: by surfaces and odometry, else where the map seemed to match.
+
+        None when lost.
+        """
+        if frame.stamp_s - state.matched_s <= MAX_ODOMETRY_S:
+            followed = None if moved is None else moved.track
+            placed = self._depth.place(
+                self._map.camera, frame.depth_m, state.last, followed, predicted, state.covariance
+            )
+            if placed is not None:
+                return replace(
+                    state,
+                    last=placed.track,
+                    before_last=state.last,
+                    covariance=placed.covariance,
+                    matched_s=frame.stamp_s if placed.is_sure else state.matched_s,
+                    confirmations=state.confirmations if placed.is_sure or doubtful is None else 0,
+                )
         track = moved.track if moved is not None else doubtful.track if doubtful is not None else None
         if track is None or frame.stamp_s - state.matched_s > MAX_ODOMETRY_S:
             return None

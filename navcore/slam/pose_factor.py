@@ -12,7 +12,7 @@ import numpy as np
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
-from navcore.slam.lie import left_jacobian_inverse_so3, log_so3, product
+from navcore.slam.lie import left_jacobian_inverse_so3, log_so3, product, update_pose
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,3 +84,13 @@ def add_factor(pose: FloatArray, mean: FloatArray, information: FloatArray, h: F
             g[i] += weighted[k, i] * xi[k]
             for j in range(6):
                 h[i, j] += jacobian[k, i] * weighted[k, j]
+
+
+def fused(first: PoseFactor, second: PoseFactor) -> PoseFactor:
+    """Return what two measurements of a pose say together, linearized at the first: a Kalman update."""
+    information = first.information + second.information
+    pull = second.information @ factor_error(second.camera_from_world, first.camera_from_world)
+    step = np.linalg.solve(information + 1e-9 * np.eye(6), pull)
+    pose = np.empty((4, 4))
+    update_pose(first.camera_from_world, np.asarray(step, dtype=np.float64), pose)
+    return PoseFactor(pose, information)

@@ -1,0 +1,149 @@
+"""Localization by depth where the map shows no landmarks: a frame's surfaces against those that key frames saw.
+
+Between blank walls the pose goes on by odometry or, where nothing can be followed either, by the motion model. Surfaces
+of the map take away its drift along the directions that they fix. What they leave open goes on drifting, and the
+covariance shows it: a long ellipse along the corridor. Such a pose counts as seen on the map only when nothing is open.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from navcore.geometry import FloatArray
+from navcore.slam.depth_model import DepthModel, model_of_grid
+from navcore.slam.depth_tracking import (
+    MOTION_SIGMA_M_S,
+    MOTION_SIGMA_RAD_S,
+    BoolArray,
+    Carried,
+    DepthView,
+    carry,
+    nearest_view,
+)
+from navcore.slam.keyframes import SlamCamera
+from navcore.slam.pose import covariance_in_world
+from navcore.slam.pose_factor import PoseFactor, factor_error, fused
+from navcore.slam.pose_uncertainty import drifted
+from navcore.slam.slam_map import SlamMap
+from navcore.slam.tracking import Track
+from navcore.types import DepthImage
+
+SURE_OVERLAP = 0.4
+"""Share of a key frame's surfaces that must be seen again for the map to count as seen."""
+SURE_CONTRADICTED = 0.12
+"""Share of what both views see that may disagree then."""
+MAX_SURPRISE = 25.0
+"""Squared Mahalanobis distance between what was expected and what the surfaces say, beyond which they are not
+believed: 99.9 % of the χ² distribution with six degrees of freedom is 22.5."""
+SURFACE_SIGMA_M = 0.013
+SURFACE_SIGMA_RAD = 0.004
+"""Standard deviation, per axis, of what map and sensor err alike."""
+LOST_SIGMA_M = 1.0
+"""Where the motion model alone fills a direction, the pose is given up beyond this standard deviation."""
+KEPT_POINTS_M = 0.02
+"""Points that odometry follows are placed anew when the surfaces move the camera by more than this."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DepthPlace:
+    """A frame's pose with what surfaces say of it."""
+
+    track: Track
+    covariance: FloatArray
+    """(6, 6): of (position, rotation) in the world."""
+    is_sure: bool
+    """Whether surfaces of the map fix all of it, and convince."""
+
+
+class DepthAid:
+    """Weighs in the surfaces of a map's key frames."""
+
+    def __init__(self, slam_map: SlamMap) -> None:
+        self._map = slam_map
+        self._usable: BoolArray = np.asarray(slam_map.keyframe_depth.any(axis=(1, 2)))
+        self._model: tuple[int, DepthModel] | None = None
+
+    def place(
+        self,
+        camera: SlamCamera,
+        depth_m: DepthImage,
+        before: Track,
+        followed: Track | None,
+        predicted: Track,
+        covariance: FloatArray,
+    ) -> DepthPlace | None:
+        """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
+
+        ``before`` is the frame before, with its ``covariance`` (6, 6); ``followed`` is where odometry has this one,
+        ``predicted`` where the motion model has it.
+        """
+        near = predicted if followed is None else followed
+        step_s = near.stamp_s - before.stamp_s
+        expected = drifted(covariance, before, near)
+        if followed is None:
+            expected = _unguided(expected, step_s)
+        found = self._carried(DepthView(camera, depth_m), near.camera_from_world, step_s)
+        if found is None:
+            return None
+        prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
+        said = found.alignment.factor(self._map.camera_from_world[found.reference])
+        if _surprise(prior, said) > MAX_SURPRISE:
+            return None
+        both = fused(prior, said)
+        alignment, covariance = found.alignment, _covariance(both)
+        if followed is None and float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) > LOST_SIGMA_M**2:
+            return None
+        is_sure = (
+            found.is_complete and alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
+        )
+        return DepthPlace(_moved(near, both), covariance, is_sure)
+
+    def _carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
+        reference = nearest_view(self._map.camera_from_world, self._usable, guess)
+        if reference < 0:
+            return None
+        if self._model is None or self._model[0] != reference:
+            self._model = reference, model_of_grid(self._map.keyframe_depth[reference], self._map.camera)
+        return carry(reference, self._model[1], self._map.camera_from_world[reference], seen, guess, step_s)
+
+
+def _unguided(covariance: FloatArray, step_s: float) -> FloatArray:
+    """Return the covariance (6, 6) when only the motion model leads on: a wrong velocity stays wrong, so that the
+    standard deviation, not the variance, grows with time."""
+    grown = covariance.copy()
+    for part, sigma in ((slice(0, 3), MOTION_SIGMA_M_S * abs(step_s)), (slice(3, 6), MOTION_SIGMA_RAD_S * abs(step_s))):
+        values, vectors = np.linalg.eigh(covariance[part, part])
+        root = np.sqrt(np.maximum(values, 0.0))
+        grown[part, part] += (vectors * (2.0 * sigma * root + sigma**2)) @ vectors.T
+    return grown
+
+
+def _information(covariance: FloatArray, camera_from_world: FloatArray) -> FloatArray:
+    """Return the information (6, 6) of a twist in the camera's frame; see ``covariance_in_world`` for the way back."""
+    world_from_twist = np.zeros((6, 6))
+    world_from_twist[:3, :3] = world_from_twist[3:, 3:] = -camera_from_world[:3, :3].T
+    return np.asarray(world_from_twist.T @ np.linalg.inv(covariance) @ world_from_twist)
+
+
+def _surprise(prior: PoseFactor, said: PoseFactor) -> float:
+    """Return the squared Mahalanobis distance between two poses, along the directions of which both know something."""
+    error = factor_error(said.camera_from_world, prior.camera_from_world)
+    values, vectors = np.linalg.eigh(said.information)
+    known = values > 1e-6 * max(float(values[-1]), 1e-12)
+    basis = vectors[:, known]
+    spread = basis.T @ np.linalg.inv(prior.information) @ basis + np.diag(1.0 / values[known])
+    along = basis.T @ error
+    return float(along @ np.linalg.solve(spread, along))
+
+
+def _covariance(known: PoseFactor) -> FloatArray:
+    shared = np.diag([SURFACE_SIGMA_M**2] * 3 + [SURFACE_SIGMA_RAD**2] * 3)
+    return covariance_in_world(known.camera_from_world, known.information) + shared
+
+
+def _moved(track: Track, known: PoseFactor) -> Track:
+    shift_m = float(np.linalg.norm(factor_error(known.camera_from_world, track.camera_from_world)[:3]))
+    kept = track.carried_points if shift_m <= KEPT_POINTS_M else None
+    return replace(track, camera_from_world=known.camera_from_world, information=known.information, carried_points=kept)

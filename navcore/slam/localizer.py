@@ -21,7 +21,16 @@ from navcore.slam.fisheye_tracking import FisheyeMatch
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.map_evidence import MapEvidence, evidence_for
-from navcore.slam.pose_uncertainty import centre_of, drifted, map_covariance, misfit, with_ambiguity
+from navcore.slam.map_uncertainty import keyframe_covariances
+from navcore.slam.pose_uncertainty import (
+    centre_of,
+    drifted,
+    is_walkable,
+    map_covariance,
+    misfit,
+    odometry_factor,
+    with_ambiguity,
+)
 from navcore.slam.relocalization import is_same_place, proposals
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
@@ -46,6 +55,8 @@ CONFIRMATIONS = 3
 """Frames in a row that must match the map after a relocalization before the pose is called Localized."""
 STEADY_COUNT = 80
 """Fewer landmarks than this fix a pose badly: what odometry follows is used as well."""
+STEADIED_SHARE = 0.7
+"""Share of these landmarks that must go on agreeing with the pose then."""
 AMPLE_COUNT = 150
 """With so many landmarks in the front view the fisheye picture is not looked at: it would add little, for its price."""
 CONTINUITY_M = 0.08
@@ -62,6 +73,8 @@ JUMP_M = 0.3
 """A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
 NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
+TURN_LEVER_M = 2.0
+"""When the nearest key frame is looked for, one that looks to the side counts as so much farther away."""
 MISFIT_MEMORY = 0.8
 """Weight of earlier frames in the running mean of the variance factor."""
 
@@ -74,6 +87,8 @@ class LocalizerState:
     before_last: Track | None
     covariance: FloatArray
     """(6, 6): of (camera position, rotation) in the world, if the place is the right one."""
+    shared_covariance: FloatArray
+    """(6, 6): the part of it that all landmarks around share, the map's own error."""
     matched_s: float
     """When the map last matched."""
     confirmations: int
@@ -128,6 +143,7 @@ class Localizer:
         self._extractor = FeatureExtractor(intrinsics, camera, count)
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
+        self._keyframe_covariances = keyframe_covariances(slam_map)
         self._state: LocalizerState | None = None
         self._depth = DepthAid(slam_map)
         self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
@@ -155,6 +171,8 @@ class Localizer:
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
         guess = predict_pose(state.last, state.before_last, frame.stamp_s)
         moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
+        if moved is not None and not is_walkable(state.last, moved.track):
+            moved = None
         unseen = np.full(len(features), NO_LANDMARK, np.int32)
         predicted = Track(frame.stamp_s, features, guess, unseen, np.zeros((6, 6)))
         # Somebody who walks along can lead odometry astray; the map, looked for where the camera should be, cannot.
@@ -204,7 +222,7 @@ class Localizer:
             return None
         confirmations = 0 if doubtful is not None else state.confirmations
         covariance = drifted(state.covariance, state.last, track)
-        return LocalizerState(track, state.last, covariance, state.matched_s, confirmations, state.misfit)
+        return replace(state, last=track, before_last=state.last, covariance=covariance, confirmations=confirmations)
 
     def _match_map(
         self, state: LocalizerState, track: Track, frame: Frame, least_radius_factor: float
@@ -230,8 +248,19 @@ class Localizer:
         if found.landmark_count < self._settings.min_inliers_count:
             return None
         if found.landmark_count < STEADY_COUNT:
-            return replace(alone, track=steadied(self._map, found.track, track))
+            return replace(alone, track=self._steadied(state, found.track, track))
         return alone
+
+    def _steadied(self, state: LocalizerState, matched: Track, followed: Track) -> Track:
+        """Return a frame matched with few landmarks, its pose weighed against what odometry says.
+
+        A sliver of the map at the image's edge fixes a pose badly. Where the two contradict each other, the map counts.
+        """
+        if followed.carried_points is None:
+            return matched
+        factor = odometry_factor(state.covariance - state.shared_covariance, state.last, followed)
+        both = steadied(self._map, matched, factor)
+        return both if both.inlier_count >= STEADIED_SHARE * matched.inlier_count else matched
 
     def _with_fisheye(
         self, aid: FisheyeAid, track: Track, candidates: IntArray, frame: Frame, radius_factor: float
@@ -252,6 +281,12 @@ class Localizer:
         near = np.flatnonzero(alike & (distance < NEAR_M))
         return near[np.argsort(distance[near], kind="stable")][:30].astype(np.int32)
 
+    def _nearest_keyframe(self, track: Track) -> int:
+        """Return the key frame that saw things from about the same place, in about the same direction."""
+        distance = np.linalg.norm(self._centres - centre_of(track), axis=1)
+        along = self._map.camera_from_world[:, 2, :3] @ track.camera_from_world[2, :3]
+        return int(np.argmin(distance + TURN_LEVER_M * (1.0 - along)))
+
     def _with_map(self, state: LocalizerState, moved: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
         shift_m = float(np.linalg.norm(centre_of(matched.track) - centre_of(moved)))
         drift_m = 3.0 * float(np.sqrt(np.trace(drifted(state.covariance, state.last, moved)[:3, :3])))
@@ -265,7 +300,9 @@ class Localizer:
         factor = misfit(self._map, track)
         if state is not None:
             factor = MISFIT_MEMORY * state.misfit + (1.0 - MISFIT_MEMORY) * factor
-        return LocalizerState(track, last, map_covariance(track, factor), frame.stamp_s, confirmations, factor)
+        around = self._keyframe_covariances[self._nearest_keyframe(track)]
+        covariance, shared = map_covariance(track, around, factor)
+        return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, factor)
 
     # --------------------------------------------------------------------------------------------- finding
     def _is_due_for_search(self, state: LocalizerState, frame: Frame) -> bool:

@@ -5,7 +5,7 @@ They do not: a rolling shutter, a lens that is not quite as calibrated, or a ben
 pixels together. How much more than assumed the pose therefore varies is measured on the frame itself: residuals are
 summed over blocks of the image, and the spread of the blocks' sums is compared with what the curvature promises (the
 cluster-robust covariance of Liang and Zeger 1986). Errors that all landmarks in view share cannot show in one frame;
-the map's own error is added for them.
+the map's own covariance at this place is added for them.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.lie import log_so3
 from navcore.slam.pose import covariance_in_world
+from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_kernels import MIN_DEPTH_M
 from navcore.slam.tracking import MapView, Track
 
@@ -30,15 +31,17 @@ UNKNOWN_MISFIT = 3.0
 """Variance factor where the blocks are too few."""
 LEAST_MISFIT = 1.0
 """The variance is never taken for less than that of independent pixels."""
-MAP_SIGMA_M = 0.013
-MAP_SIGMA_RAD = 0.004
-"""Standard deviation of the map itself, per axis: of key frames in maps of simulated walks 7–11 mm and 3–4 mrad, in one
-of a hand-held camera 14 mm, its reference's own error included."""
+SYSTEMATIC_SIGMA_M = 0.007
+SYSTEMATIC_SIGMA_RAD = 0.002
+"""Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame."""
 DRIFT_SHARE = 0.025
 """Standard deviation of odometry, per metre moved and per radian turned from one frame to the next."""
 DRIFT_SIGMA_M = 0.0033
 DRIFT_SIGMA_RAD = 0.0016
 """Standard deviation of odometry, per frame."""
+MAX_SPEED_M_S = 2.0
+STEP_M = 0.1
+"""Nobody moves faster, the first 10 cm aside; what odometry says beyond that is a mistake."""
 AMBIGUITY_SIGMA_M = 0.3
 AMBIGUITY_SIGMA_RAD = 0.1
 """Standard deviation of a pose that further frames have not confirmed: it may be off by a period of a wall."""
@@ -75,10 +78,17 @@ def misfit(view: MapView, track: Track) -> float:
     return max(LEAST_MISFIT, factor) if math.isfinite(factor) else UNKNOWN_MISFIT
 
 
-def map_covariance(track: Track, variance_factor: float) -> FloatArray:
-    """Return the covariance (6, 6) of (position, rotation) in the world of a pose that matched the map."""
-    covariance = variance_factor * covariance_in_world(track.camera_from_world, track.information)
-    return covariance + _diagonal(MAP_SIGMA_M**2, MAP_SIGMA_RAD**2)
+def map_covariance(
+    track: Track, keyframe_covariance: FloatArray, variance_factor: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return the covariance (6, 6) of (position, rotation) in the world of a pose that matched the map.
+
+    The second is the part of it that all landmarks in view share: the covariance of the key frames around
+    (:mod:`navcore.slam.map_uncertainty`), and systematic errors. The same factor applies to all, for the map was made
+    of pixels of the same kind.
+    """
+    shared = variance_factor * (keyframe_covariance + _diagonal(SYSTEMATIC_SIGMA_M**2, SYSTEMATIC_SIGMA_RAD**2))
+    return shared + variance_factor * covariance_in_world(track.camera_from_world, track.information), shared
 
 
 def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:
@@ -90,6 +100,23 @@ def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:
     growth_m2 = (DRIFT_SHARE * moved_m) ** 2 + DRIFT_SIGMA_M**2 + rotation_variance * moved_m**2
     growth_rad2 = (DRIFT_SHARE * turned_rad) ** 2 + DRIFT_SIGMA_RAD**2
     return covariance + _diagonal(growth_m2, growth_rad2)
+
+
+def is_walkable(before: Track, after: Track) -> bool:
+    """Tell whether somebody can have moved so far between two frames."""
+    moved_m = float(np.linalg.norm(centre_of(after) - centre_of(before)))
+    return moved_m <= STEP_M + MAX_SPEED_M_S * max(0.0, after.stamp_s - before.stamp_s)
+
+
+def odometry_factor(relative_covariance: FloatArray, before: Track, after: Track) -> PoseFactor:
+    """Return what odometry says of a pose relative to the map, given the covariance (6, 6) of the frame before.
+
+    That covariance is without what all landmarks share: those that are matched next share it, too.
+    """
+    relative = drifted(relative_covariance, before, after)
+    world_from_twist = np.zeros((6, 6))
+    world_from_twist[:3, :3] = world_from_twist[3:, 3:] = -after.camera_from_world[:3, :3].T
+    return PoseFactor(after.camera_from_world, world_from_twist.T @ np.linalg.inv(relative) @ world_from_twist)
 
 
 def with_ambiguity(covariance: FloatArray) -> FloatArray:

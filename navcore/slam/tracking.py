@@ -382,22 +382,28 @@ def extend_by_map(
     return found, np.concatenate([wanted, track.landmarks])
 
 
-def steadied(view: MapView, matched: Track, followed: Track) -> Track:
-    """Return a frame matched with few landmarks, its pose refined with what was followed from earlier frames as well.
+def steadied(view: MapView, matched: Track, known: PoseFactor) -> Track:
+    """Return a frame matched with few landmarks, its pose refined together with what is known of it from elsewhere.
 
-    A sliver of the map at the image's edge fixes a pose badly; the information stays that of the landmarks alone.
+    The information stays that of the landmarks alone: what is known already comes from the same landmarks, frames ago.
     """
-    if followed.carried_points is None:
-        return matched
-    points = followed.carried_points.copy()
-    seen = matched.landmark_of >= 0
-    points[seen] = view.positions[matched.landmark_of[seen]]
-    chosen = np.flatnonzero(np.isfinite(points[:, 2])).astype(np.int32)
-    landmarks = matched.landmark_of[chosen]
-    found = refined(
-        matched.stamp_s, matched.features, matched.camera_from_world, chosen, points[chosen], landmarks, view.camera
+    seen = np.flatnonzero(matched.landmark_of >= 0)
+    features, camera = matched.features, view.camera
+    camera_from_world, inlier, _ = pose.refine_pose(
+        matched.camera_from_world,
+        view.positions[matched.landmark_of[seen]],
+        features.uvr_px[seen],
+        features.inv_sigma2[seen],
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        camera.bf_px_m,
+        known,
     )
-    return replace(found.track, information=matched.information)
+    landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
+    landmark_of[seen[inlier]] = matched.landmark_of[seen[inlier]]
+    return replace(matched, camera_from_world=camera_from_world, landmark_of=landmark_of)
 
 
 def moved(track: Track, camera_from_world: FloatArray) -> Track:

@@ -12,6 +12,7 @@ import json
 import sys
 from pathlib import Path
 
+from device_agent.scenario_options import add_scenario_options, scenario_from
 from device_agent.simulation_options import add_simulation_options, positive_number
 
 EXIT_NOT_ARRIVED = 1
@@ -40,6 +41,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         "--max-s", type=positive_number, default=300.0, help="give up after this time of the simulation"
     )
     headless.add_argument("--wav", type=Path, metavar="FILE", help="write what the walker hears as a stereo WAV file")
+    add_scenario_options(headless)
     parser.set_defaults(run=_run)
 
 
@@ -50,6 +52,7 @@ def _run(arguments: argparse.Namespace) -> int:
 
     # Before the first start's minutes of mapping.
     office_floor().place(arguments.start)
+    scenario_from(arguments)
     Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     site = prepare_demo_site(arguments.data, arguments.size, arguments.rate_hz, fresh=arguments.fresh)
     if arguments.headless:

@@ -7,6 +7,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from device_agent.scenario_options import scenario_from
 from navcore.settings import Settings, parse_assignment
 from navcore.site import load_site
 
@@ -36,6 +37,7 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
             rate_hz=arguments.rate_hz,
             size_px=arguments.size,
             output=output,
+            scenario=scenario_from(arguments),
         )
     finally:
         if output is not None:

@@ -16,7 +16,9 @@ from device_agent.places import find_place
 from device_agent.ports import CueOutput
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
 from device_agent.simulation.building import Building
+from device_agent.simulation.live_scenario import live_stage
 from device_agent.simulation.renderer import Renderer
+from device_agent.simulation.scenario import ORDINARY, Scenario
 from device_agent.simulation.walker import WalkerParameters, drawn_walker
 from device_agent.simulation.world import SimulatedWorld, start_at
 from device_agent.single_core import use_one_core
@@ -49,17 +51,26 @@ def run_walk(
     output: CueOutput | None = None,
     renderer: Renderer | None = None,
     localizer_factory: LocalizerFactory = make_localizer,
+    scenario: Scenario = ORDINARY,
 ) -> WalkResult:
     """Lead a simulated walker from one place to another and measure. The same arguments give the same walk.
 
     ``walker`` is drawn from the seed where it is None; ``output`` hears every cue besides the walker; ``renderer`` may
-    be shared by walks in the same building, for making one takes seconds. Raises VbrError for unknown places.
+    be shared by walks in the same building, for making one takes seconds; a ``scenario`` that changes the building has
+    its own. Raises VbrError for unknown places.
     """
     use_one_core()
     settings = settings or Settings()
     goal = find_place(site.poi_graph, destination)
+    stage = live_stage(building, start_at(building, start), scenario, seed)
     world = SimulatedWorld(
-        building, walker or drawn_walker(seed), start_at(building, start), seed, size_px=size_px, renderer=renderer
+        stage.building,
+        walker or drawn_walker(seed),
+        stage.start,
+        seed,
+        size_px=size_px,
+        renderer=renderer if stage.building is building else None,
+        conditions=stage.conditions,
     )
     clock = SimulatedClock(world)
     camera = SimulatedCamera(world, clock, rate_hz)

@@ -10,10 +10,10 @@ import pytest
 
 from device_agent import ports
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
-from device_agent.simulation.building import Building
+from device_agent.simulation.building import Building, Start
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.walker import WalkerParameters
-from device_agent.simulation.world import SimulatedWorld, Start, start_at
+from device_agent.simulation.world import SimulatedWorld, start_at
 from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.errors import InputError, SensorError
 from navcore.types import SonarState

@@ -27,6 +27,15 @@ class Place:
 
 
 @dataclass(frozen=True, slots=True)
+class Start:
+    """Where the walker stands at the beginning. Metres, radians."""
+
+    x_m: float
+    y_m: float
+    heading_rad: float
+
+
+@dataclass(frozen=True, slots=True)
 class Room:
     """A rectangle of the floor plan, metres, for pictures."""
 

@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from device_agent.simulation.renderer import View
+from device_agent.simulation.scenario import Scenario
 from device_agent.simulation.sensors import CameraModel, ColourNoise
 from device_agent.simulation.shading import F32, U8
 from device_agent.simulation.textures import Material
@@ -81,6 +82,13 @@ def dark_along(position_m: FloatArray, begin_m: float, end_m: float, level: floa
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(position_m, axis=0).T))])
     spots = np.arange(begin_m, min(end_m, float(arc[-1])) + _STEP_M, _STEP_M)
     return Darkness(np.stack([np.interp(spots, arc, position_m[:, k]) for k in range(2)], axis=1), level)
+
+
+def conditions_of(scenario: Scenario, position_m: FloatArray) -> Conditions:
+    """Return what hampers the camera on a walk along positions (n, 2)."""
+    dark = None if scenario.dark_m is None else dark_along(position_m, *scenario.dark_m)
+    covered = () if scenario.covered_s is None else ((scenario.covered_s[0], sum(scenario.covered_s)),)
+    return Conditions(dark, covered)
 
 
 def captured(

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from device_agent.simulation.building import Building, renderer_of
-from device_agent.simulation.conditions import Conditions, captured, covered_fisheye, dark_along
+from device_agent.simulation.conditions import Conditions, captured, conditions_of, covered_fisheye
 from device_agent.simulation.fisheye_sensor import FisheyeModel
 from device_agent.simulation.passers_by import WalkerTrack, passers_by
 from device_agent.simulation.refurnishing import refurnished
@@ -89,13 +89,6 @@ def staged_walk(
     return StagedWalk(
         building, track.stamp_s, track.position_m, track.heads, yaw_rate_rad_s, conditions_of(scenario, plan.position_m)
     )
-
-
-def conditions_of(scenario: Scenario, position_m: FloatArray) -> Conditions:
-    """Return what hampers the camera on a walk along positions (n, 2)."""
-    dark = None if scenario.dark_m is None else dark_along(position_m, *scenario.dark_m)
-    covered = () if scenario.covered_s is None else ((scenario.covered_s[0], sum(scenario.covered_s)),)
-    return Conditions(dark, covered)
 
 
 def _track(plan: WalkPlan, rate_hz: float, max_length_m: float) -> tuple[WalkerTrack, FloatArray]:

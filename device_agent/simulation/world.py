@@ -8,7 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from device_agent.simulation.building import Building, Place, checked_seed, push_from_solids, renderer_of, touchable
+from device_agent.simulation.building import (
+    Building,
+    Place,
+    Start,
+    checked_seed,
+    push_from_solids,
+    renderer_of,
+    touchable,
+)
+from device_agent.simulation.conditions import EASY, Conditions, captured
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.sensors import (
@@ -42,15 +51,6 @@ class TruthLog:
     """Episodes of contact up to each sample (n,)."""
 
 
-@dataclass(frozen=True, slots=True)
-class Start:
-    """Where the walker stands at the beginning. Metres, radians."""
-
-    x_m: float
-    y_m: float
-    heading_rad: float
-
-
 def start_at(building: Building, place_name: str) -> Start:
     """Return a start at a place, facing the way by which the road leaves it. Raises InputError for an unknown place."""
     place: Place = building.place(place_name)
@@ -82,8 +82,11 @@ class SimulatedWorld:
         depth_noise: DepthNoise = USUAL_DEPTH_NOISE,
         colour_noise: ColourNoise = USUAL_COLOUR_NOISE,
         renderer: Renderer | None = None,
+        conditions: Conditions = EASY,
     ) -> None:
         """``renderer`` may be shared by worlds in the same building, one after the other: building one takes seconds.
+
+        ``conditions`` hamper the camera.
 
         Raises InputError where the walker would stand inside something.
         """
@@ -95,6 +98,7 @@ class SimulatedWorld:
         self.building = building
         self._walker, self._gait, self._mount = walker, gait, mount
         self._renderer = renderer_of(building) if renderer is None else renderer
+        self._conditions = conditions
         self._camera_model = CameraModel(head_camera(*size_px), seed, depth_noise, colour_noise)
         self._sonar_model = SonarModel(building.surfaces, building.mover_surfaces, seed)
         self._rng = np.random.default_rng([seed, 7])
@@ -141,11 +145,14 @@ class SimulatedWorld:
     def capture(self) -> Frame:
         """Return what the camera captures now."""
         with self._lock:
-            time_s = self._body.time_s
-            view = self._renderer.render(self.camera, self._head(), self.building.placements_at(time_s - self._start_s))
+            time_s, head = self._body.time_s, self._head()
+            view = self._renderer.render(self.camera, head, self.building.placements_at(time_s - self._start_s))
             yaw_rate_rad_s = self._body.yaw_rate_rad_s
             number, self._frames = self._frames, self._frames + 1
-        return self._camera_model.capture(view, time_s, number, yaw_rate_rad_s)
+        since_start_s = time_s - self._start_s
+        return captured(
+            self._camera_model, view, head, time_s, number, yaw_rate_rad_s, since_start_s, self._conditions
+        )  # fmt: skip
 
     def ping(self) -> SonarReading:
         """Return what the ultrasonic rangefinder measures now, along the camera's axis."""

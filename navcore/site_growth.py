@@ -27,7 +27,7 @@ from navcore.slam.cloud_joining import cloud_without_session
 from navcore.slam.deformation import Deformation
 from navcore.slam.dense_cloud import CEILING_M, DenseCloud
 from navcore.slam.map_build import MapExtension, Progress, extend_map, length_of_roads_m, roads_of
-from navcore.slam.session_removal import separated_by_removal, without_session
+from navcore.slam.session_removal import renumbered, separated_by_removal, without_key_frames
 from navcore.slam.slam_map import SlamMap
 from navcore.tagging import places_to_add
 
@@ -196,7 +196,8 @@ def remove_session(site: Site, session_id: str) -> Growth:
     session = site.sessions[number]
     if session.kind == "recording":
         _refuse_gap(site, slam_map, number)
-        slam_map = without_session(slam_map, number)
+        slam_map = without_key_frames(slam_map, number)
+    slam_map = renumbered(slam_map, number)
     kept = [(road, of - (of > number)) for road, of in _numbered_roads(site) if of != number]
     roads = tuple(road for road, _ in kept)
     before, network = RoadNetwork.from_roads(site.roads_m), RoadNetwork.from_roads(roads)

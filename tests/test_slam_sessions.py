@@ -29,7 +29,7 @@ from navcore.slam.localizer import Localizer
 from navcore.slam.map_build import LevelMap, build_level_map
 from navcore.slam.mapper import Mapper
 from navcore.slam.rehearsal import REHEARSAL_CAMERA, WALL_M, rehearse
-from navcore.slam.session_removal import separated_by_removal, without_session
+from navcore.slam.session_removal import renumbered, separated_by_removal, without_key_frames
 from navcore.slam.slam_map import SlamMap, freeze
 from navcore.slam.thawing import thaw
 from navcore.types import Frame, LocalizationQuality
@@ -296,7 +296,7 @@ def test_what_a_recording_alone_holds_together_is_told(long_wall: SlamMap) -> No
 
 def test_those_that_stay_move_up(long_wall: SlamMap) -> None:
     slam_map = in_three(long_wall)
-    rest = without_session(slam_map, 0)
+    rest = renumbered(without_key_frames(slam_map, 0), 0)
     assert sorted(set(rest.keyframe_session.tolist())) == [0, 1]
     assert sorted(set(rest.trajectory_session.tolist())) == [0, 1]
     assert rest.keyframe_count == np.count_nonzero(slam_map.keyframe_session > 0)

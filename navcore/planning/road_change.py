@@ -16,7 +16,7 @@ import numpy as np
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import MAX_SNAP_DISTANCE_M, along_road, edge_of_piece, free_edge_id
+from navcore.planning.edits import along_road, edge_of_piece, free_edge_id
 from navcore.planning.neighbours import neighbour_pieces
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.planning.projection import project_on_path
@@ -24,6 +24,8 @@ from navcore.planning.road_network import RoadNetwork, RoadPiece, RoadPoint
 
 SAME_ROAD_M = 1.0
 """A piece of road that stays nearer than this to another road lies on it."""
+MAX_SLIDE_M = 0.75
+"""Joined passes lie a little beside each alone. A place that would have to move farther has lost its road."""
 _SAME_PLACE_M = 0.05
 
 
@@ -74,7 +76,7 @@ def _put_back(poi: Poi, place_m: tuple[float, float], network: RoadNetwork) -> P
     x_m, y_m = place_m
     if not poi.on_road:
         return msgspec.structs.replace(poi, x_m=x_m, y_m=y_m)
-    if network.is_empty or (point := network.nearest(x_m, y_m)).distance_m > MAX_SNAP_DISTANCE_M:
+    if network.is_empty or (point := network.nearest(x_m, y_m)).distance_m > MAX_SLIDE_M:
         return msgspec.structs.replace(poi, x_m=x_m, y_m=y_m, on_road=False)
     return msgspec.structs.replace(poi, x_m=point.x_m, y_m=point.y_m)
 

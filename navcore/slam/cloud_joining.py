@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
 from navcore.slam.dense_cloud import CEILING_M, VOXEL_M, DenseCloud
@@ -33,7 +34,7 @@ def joined_clouds(
         if count <= max_points:
             break
         voxel_m *= 1.25
-    total = np.bincount(group, weight, count)
+    total = np.asarray(np.bincount(group, weight, count), dtype=np.float64)
     mean = _means(np.column_stack([points, colours]), weight, group, total)
     seen_by = np.zeros(count, np.uint64)
     np.bitwise_or.at(seen_by, group, sessions)
@@ -49,14 +50,14 @@ def joined_clouds(
     )
 
 
-def _voxels(points: FloatArray, voxel_m: float) -> tuple[np.ndarray, int]:
+def _voxels(points: FloatArray, voxel_m: float) -> tuple[NDArray[np.int64], int]:
     """Return the number of each point's voxel (n,), in the order of place, and how many there are."""
     cell = np.floor(points / voxel_m).astype(np.int64) + (1 << 20)
     keys, group = np.unique((cell[:, 0] << 42) | (cell[:, 1] << 21) | cell[:, 2], return_inverse=True)
-    return group, len(keys)
+    return group.astype(np.int64), len(keys)
 
 
-def _means(values: FloatArray, weight: FloatArray, group: np.ndarray, total: FloatArray) -> FloatArray:
+def _means(values: FloatArray, weight: FloatArray, group: NDArray[np.int64], total: FloatArray) -> FloatArray:
     sums = [np.bincount(group, weight * column, len(total)) for column in values.T]
     return np.stack(sums, axis=1) / np.maximum(total, 1e-12)[:, None]
 

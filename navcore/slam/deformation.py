@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from navcore.geometry import FloatArray
@@ -28,9 +29,9 @@ class Deformation:
             return np.array(points_m, dtype=np.float64)
         nearest = self._nearest(points_m)
         step = np.linalg.inv(self.after) @ self.before
-        return np.einsum("nij,nj->ni", step[nearest, :3, :3], points_m) + step[nearest, :3, 3]
+        return np.asarray(np.einsum("nij,nj->ni", step[nearest, :3, :3], points_m) + step[nearest, :3, 3])
 
-    def _nearest(self, points_m: FloatArray) -> FloatArray:
+    def _nearest(self, points_m: FloatArray) -> NDArray[np.int64]:
         world_from_camera = np.linalg.inv(self.before)
         ahead = world_from_camera[:, :3, 3] + AHEAD_M * world_from_camera[:, :3, 2]
         return np.asarray(cKDTree(ahead).query(points_m)[1])

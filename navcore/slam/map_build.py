@@ -6,6 +6,7 @@ A site grows by further recordings: each is mapped by itself and joined to what 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,13 +98,16 @@ def length_of_roads_m(roads_m: Sequence[FloatArray]) -> float:
     return float(sum(np.linalg.norm(np.diff(road[:, :2], axis=0), axis=1).sum() for road in roads_m))
 
 
-def build_map(recording: Recording, reference_feature_count: int, progress: Progress) -> MapBuild:
+def build_map(
+    recording: Recording, reference_feature_count: int, progress: Progress, *, executor: Executor | None = None
+) -> MapBuild:
     """Build the map of a recording. The same recording gives the same map.
 
-    ``reference_feature_count`` is the number of features at 320×240. Raises RecordingError for damaged images and
+    ``reference_feature_count`` is the number of features at 320×240. ``executor`` runs local mapping beside tracking,
+    which changes the time it takes and nothing else. Raises RecordingError for damaged images and
     MappingError where the camera could not be followed, with advice.
     """
-    level_map = build_level_map(recording, reference_feature_count, progress)
+    level_map = build_level_map(recording, reference_feature_count, progress, executor=executor)
     cloud = _fused(recording, level_map.slam_map, 0, progress).cloud()
     return MapBuild(level_map, roads_of(level_map.slam_map, 0), cloud)
 
@@ -115,13 +119,15 @@ def extend_map(
     session: int,
     reference_feature_count: int,
     progress: Progress,
+    *,
+    executor: Executor | None = None,
 ) -> MapExtension:
     """Build the map of another recording and join it to a known one, as its recording number ``session``.
 
     Raises RecordingError for damaged images, and MappingError where the camera could not be followed or the two maps
     cannot be laid upon each other, with advice.
     """
-    level_map = build_level_map(recording, reference_feature_count, progress)
+    level_map = build_level_map(recording, reference_feature_count, progress, executor=executor)
     progress(_LEVELLED_SHARE, "Finding where the recording lies in the map")
     joined = join(known, level_map.slam_map, session)
     fusion = _fused(recording, joined.slam_map, session, progress)
@@ -130,7 +136,9 @@ def extend_map(
 
 def _with_moved(known_cloud: DenseCloud, joined: Joined, fusion: VoxelFusion) -> DenseCloud:
     """Return the known cloud, moved along with its map, and the new one; what the new views look through is gone."""
-    moved = replace(known_cloud, points_m=joined.known.moved(known_cloud.points_m).astype(np.float32))
+    moved = replace(
+        known_cloud, points_m=joined.known.moved(known_cloud.points_m.astype(np.float64)).astype(np.float32)
+    )
     gone = fusion.looks_through(moved.points_m.astype(np.float64), moved.view_counts.astype(np.float64))
     return joined_clouds([moved.chosen(~gone), fusion.cloud()])
 
@@ -141,7 +149,9 @@ def roads_of(slam_map: SlamMap, session: int) -> tuple[FloatArray, ...]:
     return build_roads(slam_map.trajectory_stamp_s[walked], slam_map.trajectory[walked, :3, 3])
 
 
-def build_level_map(recording: Recording, reference_feature_count: int, progress: Progress) -> LevelMap:
+def build_level_map(
+    recording: Recording, reference_feature_count: int, progress: Progress, *, executor: Executor | None = None
+) -> LevelMap:
     """Build the map of a recording by itself, and level it. Raises RecordingError and MappingError."""
     if len(recording) < MIN_FRAMES:
         raise MappingError(
@@ -149,7 +159,7 @@ def build_level_map(recording: Recording, reference_feature_count: int, progress
         )
     intrinsics = recording.intrinsics
     count = feature_count_for(intrinsics.width_px, intrinsics.height_px, reference_feature_count)
-    mapper = Mapper(intrinsics, SlamCamera.of(intrinsics, BF_PX_M), count)
+    mapper = Mapper(intrinsics, SlamCamera.of(intrinsics, BF_PX_M), count, executor=executor)
     for number, frame in enumerate(recording.frames()):
         mapper.add(frame)
         text = f"Mapping: {mapper.keyframe_count} key frames, {mapper.landmark_count} landmarks"

@@ -23,11 +23,6 @@ def separated_by_removal(slam_map: SlamMap, session: int) -> tuple[int, ...]:
     return tuple(number for number, group in groups.items() if group != first)
 
 
-def without_session(slam_map: SlamMap, session: int, seed: int = 0) -> SlamMap:
-    """Return the map without a recording; those with higher numbers move up. Another one must be there."""
-    return _renumbered(without_key_frames(slam_map, session, seed), session)
-
-
 def without_key_frames(slam_map: SlamMap, session: int, seed: int = 0) -> SlamMap:
     """Return the map without the key frames and the trajectory of a recording; the others keep their numbers."""
     builder = thaw(slam_map)
@@ -43,7 +38,8 @@ def without_key_frames(slam_map: SlamMap, session: int, seed: int = 0) -> SlamMa
     return replace(frozen, parent=spanning_parents(frozen))
 
 
-def _renumbered(slam_map: SlamMap, gone: int) -> SlamMap:
+def renumbered(slam_map: SlamMap, gone: int) -> SlamMap:
+    """Return the map with the sessions above one that is gone moved up by one."""
     of_keyframe, of_frame = slam_map.keyframe_session, slam_map.trajectory_session
     return replace(
         slam_map,

@@ -46,11 +46,11 @@ def live_stage(building: Building, start: Start, scenario: Scenario = ORDINARY, 
     if scenario.kidnapped:
         route, heading_rad = kidnapped_route(building, building.road_waypoints, seed)
         start = Start(*route[0], heading_rad)
-    people = strollers(building, round(PEOPLE_PER_SHARE * scenario.people_share), seed)
+    if scenario.people_share > 0.0:
+        people = strollers(building, math.ceil(PEOPLE_PER_SHARE * scenario.people_share), seed)
+        building = replace(building, movers=(*building.movers, *people))
     walked = plan_walk(building.road_waypoints, seed).position_m
-    return LiveStage(
-        replace(building, movers=(*building.movers, *people)), start, conditions_of(scenario, walked)
-    )  # fmt: skip
+    return LiveStage(building, start, conditions_of(scenario, walked))
 
 
 def strollers(building: Building, count: int, seed: int) -> tuple[Mover, ...]:

@@ -33,7 +33,12 @@ SITE_WORDS = {
 
 def add_actions(actions: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     """Add the actions to ``vbr map``."""
-    extend = actions.add_parser("extend", help="join another recorded walk to a site")
+    extend = actions.add_parser(
+        "extend",
+        help="join another recorded walk to a site",
+        description="Join another recorded walk to a site. It must pass through a place that the site's map shows;"
+        " places keep where they are. Publish in the console first: what is only a draft there is not carried over.",
+    )
     extend.add_argument("site", type=Path, metavar="SITE", help="folder of the site")
     extend.add_argument("source", type=Path, metavar="RECORDING", help="recording that passes through a mapped place")
     add_session_options(extend)
@@ -43,7 +48,12 @@ def add_actions(actions: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     sessions.add_argument("site", type=Path, metavar="SITE", help="folder of the site")
     sessions.add_argument("--json", action="store_true", help="print them as JSON")
     sessions.set_defaults(run=_sessions)
-    remove = actions.add_parser("remove-session", help="take a recording out of a site")
+    remove = actions.add_parser(
+        "remove-session",
+        help="take a recording out of a site",
+        description="Take a recording, or what was imported, out of a site. Places to which no road leads any more stay"
+        " as free-standing ones. Publish in the console first: what is only a draft there is not carried over.",
+    )
     remove.add_argument("site", type=Path, metavar="SITE", help="folder of the site")
     remove.add_argument("session", metavar="ID", help="its id, as `vbr map sessions` lists it")
     remove.add_argument("--json", action="store_true", help="print the figures as JSON")
@@ -137,5 +147,8 @@ def keep(growth: Growth, arguments: argparse.Namespace) -> int:
             f"vbr: No road leads any more to {places or 'some places'} ({growth.lost_edges} edges are gone): look at"
             " the PoI-graph in the console.\n"
         )
-    sys.stdout.write(f"The site in {arguments.site} is changed. A running console shows it when it is started again.\n")
+    sys.stdout.write(
+        f"The site in {arguments.site} is changed, with the PoI-graph as last published. A running console shows it"
+        " when it is started again.\n"
+    )
     return 0

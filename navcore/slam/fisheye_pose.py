@@ -125,6 +125,17 @@ def refine_with_fisheye(
     return JointPose(pose, inlier, fisheye_inlier, information)
 
 
+def warm_up() -> None:
+    """Compile this module's kernels."""
+    numbers = np.array([100.0, 100.0, 80.0, 60.0, 0.01, 0.0, 0.0, 0.0, 1.5])
+    points = np.array([[0.1, 0.2, 1.0], [1.0, 0.0, 0.5], [-1.0, 0.3, 0.4]])
+    seen = FisheyeObservations(points, np.full((3, 2), 70.0), np.ones(3), numbers, np.eye(4))
+    nothing = np.zeros((0, 3))
+    refine_with_fisheye(
+        np.eye(4), nothing, nothing, np.zeros(0), SlamCamera(160, 120, 100.0, 100.0, 80.0, 60.0, 10.0), seen
+    )
+
+
 # --------------------------------------------------------------------------------------------------- kernels
 @kernel
 def linearize(

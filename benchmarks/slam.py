@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -113,7 +114,9 @@ def _ratio(part: float | None, whole: float | None) -> float | None:
 def _mapping(recording: Recording, settings: LocalizationSettings) -> tuple[SlamMap | None, dict[str, Any]]:
     intrinsics = recording.intrinsics
     count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
-    mapper = Mapper(intrinsics, SlamCamera.of(intrinsics, BF_PX_M), count)
+    # Local mapping works beside tracking, as it does on the device; its time counts as that of other threads.
+    executor = ThreadPoolExecutor(1)
+    mapper = Mapper(intrinsics, SlamCamera.of(intrinsics, BF_PX_M), count, executor=executor)
     orb = cv2.ORB_create(1000)  # type: ignore[attr-defined]
     clock, orb_ms, running = _Clock(), [], []
     for frame in recording.frames():
@@ -122,9 +125,11 @@ def _mapping(recording: Recording, settings: LocalizationSettings) -> tuple[Slam
         grey, started_s = grey_of(frame.colour_rgb), time.thread_time()
         orb.detectAndCompute(grey, None)
         orb_ms.append(1e3 * (time.thread_time() - started_s))
+    mapper.settle()
     times = clock.figures("mapping")
     started_s = time.process_time()
     slam_map, outcome = _finished(mapper)
+    executor.shutdown()
     final = [] if slam_map is None else _positions(slam_map)
     return slam_map, {
         "recording": recording.folder.name,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from device_agent.progress import progress_bar, stage_bar
@@ -61,8 +62,9 @@ def _mapped(recording: Path) -> Site:
     from navcore.site_building import build_site
 
     use_one_core()
-    with stage_bar() as progress:
-        built, _ = build_site(open_recording(recording), SITE_NAME, Settings().localization, progress)
+    settings = Settings().localization
+    with ThreadPoolExecutor(1) as executor, stage_bar() as progress:
+        built, _ = build_site(open_recording(recording), SITE_NAME, settings, progress, executor=executor)
     return built
 
 

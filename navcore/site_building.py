@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from pathlib import Path
 
 import numpy as np
@@ -19,16 +20,22 @@ from navcore.tagging import graph_from_marks
 
 
 def build_site(
-    recording: Recording, name: str, settings: LocalizationSettings, progress: Progress, date: str = ""
+    recording: Recording,
+    name: str,
+    settings: LocalizationSettings,
+    progress: Progress,
+    date: str = "",
+    *,
+    executor: Executor | None = None,
 ) -> tuple[Site, MapBuild]:
     """Build the site of a recording, and return it with what it was made from.
 
-    ``date`` says when the recording was made, in whatever form. Raises RecordingError for damaged input and
-    MappingError where no map can be made.
+    ``date`` says when the recording was made, in whatever form. ``executor`` runs local mapping beside tracking. Raises
+    RecordingError for damaged input and MappingError where no map can be made.
     """
     marks = read_marks(recording.folder / "marks.txt")
     session = recording_session(recording, default_name(recording.folder), date)
-    built = build_map(recording, settings.feature_count, progress)
+    built = build_map(recording, settings.feature_count, progress, executor=executor)
     site = Site(
         site_id=_site_id(built),
         name=name,

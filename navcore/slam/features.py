@@ -11,7 +11,6 @@ from navcore.geometry import FloatArray
 from navcore.slam.corners import find_corners
 from navcore.slam.descriptors import describe, disc_weights, pattern_places
 from navcore.slam.keyframes import (
-    DESCRIPTOR_BYTES,
     LEVEL_COUNT,
     SCALE_FACTOR,
     ByteArray,
@@ -55,6 +54,7 @@ class FeatureExtractor:
             (round(intrinsics.width_px / SCALE_FACTOR**level), round(intrinsics.height_px / SCALE_FACTOR**level))
             for level in range(LEVEL_COUNT)
         ]
+        self._scales: FloatArray = np.array(self._sizes[0]) / np.array(self._sizes)
         self._score = [np.zeros((height, width), np.uint8) for width, height in self._sizes]
         self._sums = [np.zeros((height, width), np.uint16) for width, height in self._sizes]
         self._undistorted = _undistortion_table(intrinsics)
@@ -69,45 +69,26 @@ class FeatureExtractor:
 
     def extract_grey(self, grey: ByteArray, depth_m: DepthImage) -> Features:
         """Return the features of a grey image (h, w) with its registered depth (h, w)."""
-        positions, octaves, angles, descriptors = [], [], [], []
+        found = []
         owed = 0
         for level, (image, quota) in enumerate(zip(self._pyramid(grey), self._quotas, strict=True)):
             corners = find_corners(image, self._score[level], FAST_HIGH, FAST_LOW, quota + owed)
             owed += quota - len(corners)
-            if len(corners) == 0:
-                continue
-            angle, words = describe(image, self._sums[level], corners, self._places[level], *self._disc)
-            # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
-            scale = np.array([grey.shape[1] / image.shape[1], grey.shape[0] / image.shape[0]])
-            positions.append((corners[:, :2] + 0.5) * scale - 0.5)
-            octaves.append(np.full(len(corners), level, np.int32))
-            angles.append(angle)
-            descriptors.append(words)
-        if not positions:
-            nothing = np.zeros((0, DESCRIPTOR_BYTES), np.uint8)
-            return self._features(np.zeros((0, 2)), np.zeros(0, np.int32), np.zeros(0), nothing, depth_m)
-        return self._features(
-            np.concatenate(positions),
-            np.concatenate(octaves),
-            np.concatenate(angles),
-            np.concatenate(descriptors).view(np.uint8),
-            depth_m,
-        )
+            found.append((corners, *describe(image, self._sums[level], corners, self._places[level], *self._disc)))
+        corners, angles, words = (np.concatenate(parts) for parts in zip(*found, strict=True))
+        octave = np.repeat(np.arange(LEVEL_COUNT, dtype=np.int32), [len(part[0]) for part in found])
+        # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
+        raw_px = (corners[:, :2] + 0.5) * self._scales[octave] - 0.5
+        uvr, depth = measure(raw_px, self._undistorted, depth_m, self.camera.bf_px_m)
+        order, cell_start = sort_into_cells(uvr, self._columns, self._rows)
+        descriptors = words[order].view(np.uint8)
+        return Features(uvr[order], depth[order], octave[order], angles[order], descriptors, cell_start, self._columns)
 
     def _pyramid(self, grey: ByteArray) -> list[ByteArray]:
         levels = [grey]
         for size in self._sizes[1:]:
             levels.append(cv2.resize(levels[-1], size, interpolation=cv2.INTER_LINEAR_EXACT))  # type: ignore[arg-type]
         return levels
-
-    def _features(
-        self, raw_px: FloatArray, octave: IntArray, angle: FloatArray, descriptors: ByteArray, depth_m: DepthImage
-    ) -> Features:
-        uvr, depth = measure(raw_px, self._undistorted, depth_m, self.camera.bf_px_m)
-        order, cell_start = sort_into_cells(uvr, self._columns, self._rows)
-        return Features(
-            uvr[order], depth[order], octave[order], angle[order], descriptors[order], cell_start, self._columns
-        )
 
 
 def _level_quotas(count: int) -> list[int]:
@@ -133,11 +114,13 @@ def _undistortion_table(intrinsics: CameraIntrinsics) -> Float32Array:
 
 # --------------------------------------------------------------------------------------------------- kernels
 @kernel
-def _depth_near(depth_m: DepthImage, u: float, v: float) -> float:
-    """Return the median depth of the 3×3 pixels around a place, NaN where fewer than 3 are known or it is an edge."""
+def _depth_near(depth_m: DepthImage, u: float, v: float, values: FloatArray) -> float:
+    """Return the median depth of the 3×3 pixels around a place, NaN where fewer than 3 are known.
+
+    ``values`` (9,) is scratch.
+    """
     height, width = depth_m.shape
     x, y = int(np.floor(u + 0.5)), int(np.floor(v + 0.5))
-    values = np.empty(9, np.float64)
     count = 0
     for dy in range(-1, 2):
         for dx in range(-1, 2):
@@ -163,6 +146,7 @@ def measure(
     count = len(raw_px)
     uvr = np.empty((count, 3), np.float64)
     depth = np.empty(count, np.float64)
+    values = np.empty(9, np.float64)
     height, width = undistorted.shape[:2]
     for i in range(count):
         x = min(max(raw_px[i, 0], 0.0), width - 1.001)
@@ -173,7 +157,7 @@ def measure(
             top = (1 - fx) * undistorted[y0, x0, c] + fx * undistorted[y0, x0 + 1, c]
             bottom = (1 - fx) * undistorted[y0 + 1, x0, c] + fx * undistorted[y0 + 1, x0 + 1, c]
             uvr[i, c] = (1 - fy) * top + fy * bottom
-        depth[i] = _depth_near(depth_m, raw_px[i, 0], raw_px[i, 1])
+        depth[i] = _depth_near(depth_m, raw_px[i, 0], raw_px[i, 1], values)
         uvr[i, 2] = uvr[i, 0] - bf_px_m / depth[i]
     return uvr, depth
 

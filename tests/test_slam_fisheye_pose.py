@@ -13,6 +13,7 @@ from navcore.slam.fisheye_pose import FisheyeObservations, fisheye_factor, linea
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import exp_se3, update_pose
 from navcore.slam.pose import refine_pose
+from navcore.slam.pose_factor import PoseFactor
 from navcore.types import FisheyeIntrinsics
 
 LENS = FisheyeIntrinsics(400, 320, 150.0, 150.0, 199.5, 159.5, -0.0065, 0.0486, -0.0459, 0.0083, math.radians(86.0))
@@ -145,6 +146,22 @@ def test_the_joint_pose_is_where_both_gradients_cancel(pose: FloatArray) -> None
 
 def depth_rows(points: FloatArray, pose: FloatArray) -> FloatArray:
     return depth_camera_sees(points, pose, 0.0)
+
+
+def test_what_is_known_besides_steadies_the_pose_and_adds_no_certainty(pose: FloatArray) -> None:
+    seen = seen_from(pose, 200, noise_px=0.8, seed=9)
+    aside = seen.lens_px[:, 0] < 60.0
+    sliver = FisheyeObservations(
+        seen.points[aside], seen.lens_px[aside], seen.inv_sigma2[aside], seen.numbers, seen.fisheye_from_camera
+    )
+    assert 10 < len(sliver) < 60
+    known = PoseFactor(pose, np.diag([4e6] * 3 + [4e6] * 3))
+    alone = refine_with_fisheye(pose, *NOTHING, CAMERA, sliver)
+    both = refine_with_fisheye(pose, *NOTHING, CAMERA, sliver, known)
+    assert np.abs(both.camera_from_world - pose).max() < 0.4 * np.abs(alone.camera_from_world - pose).max()
+    np.testing.assert_allclose(
+        np.linalg.eigvalsh(both.information), np.linalg.eigvalsh(alone.information), rtol=0.25, atol=1.0
+    )
 
 
 def test_without_observations_nothing_is_known(pose: FloatArray) -> None:

@@ -16,6 +16,7 @@ from navcore.slam.fisheye_view import FisheyeFeatures, FisheyeView
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
 from navcore.slam.lie import inverse_se3
 from navcore.slam.matching import match_all
+from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.relocalization import is_same_place
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track, fraction_of_step
@@ -68,16 +69,17 @@ class FisheyeAid:
         """Whether the frame at hand has a fisheye picture of about the same time."""
         return self._image is not None
 
-    def join(self, track: Track, radius_factor: float) -> FisheyeMatch | None:
+    def join(self, track: Track, radius_factor: float, known: PoseFactor | None = None) -> FisheyeMatch | None:
         """Refine the frame's pose with what the fisheye picture shows of the map around it.
 
-        None where there is no picture, or what it shows is no evidence for the pose.
+        ``known`` is what is known of it besides. None where there is no picture, or what it shows is no evidence for
+        the pose.
         """
         if self._image is None:
             return None
         view, seen = self._extracted(self._image)
         candidates = candidates_near(self._map, self._centres, track.camera_from_world)
-        match = joined(self._map, view, seen, track, candidates, radius_factor)
+        match = joined(self._map, view, seen, track, candidates, radius_factor, known)
         return match if match.is_evidence else None
 
     def _extracted(self, image: FisheyeImage) -> tuple[FisheyeView, FisheyeFeatures]:

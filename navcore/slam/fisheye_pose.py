@@ -20,7 +20,7 @@ from navcore.slam.fisheye import project_with_jacobian
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import log_se3, update_pose
 from navcore.slam.pose import refine_pose
-from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_factor import PoseFactor, add_factor, fused
 from navcore.slam.pose_kernels import CHI2_MONO
 
 BoolArray = NDArray[np.bool_]
@@ -96,16 +96,20 @@ def refine_with_fisheye(
     inv_sigma2: FloatArray,
     camera: SlamCamera,
     seen: FisheyeObservations,
+    known: PoseFactor | None = None,
 ) -> JointPose:
     """Refine the depth camera's pose on what both cameras see.
 
     ``points`` (n, 3), ``observations`` (n, 3) and ``inv_sigma2`` (n,) are the depth camera's, as
-    :func:`navcore.slam.pose.refine_pose` takes them; n may be 0.
+    :func:`navcore.slam.pose.refine_pose` takes them; n may be 0. ``known`` is what is known of the pose from elsewhere:
+    it steadies the pose, but the information stays that of the landmarks, from which it may have come, frames ago.
     """
     pose = np.array(guess, dtype=np.float64, order="C")
     for number in range(ROUNDS):
         is_robust = number < ROBUST_ROUNDS
         factor, fisheye_inlier = fisheye_factor(pose, seen, is_robust)
+        if known is not None:
+            factor = fused(factor, known)
         refined, inlier, information = refine_pose(
             pose,
             points,
@@ -122,6 +126,10 @@ def refine_with_fisheye(
         pose = refined
         if not is_robust and moved < _DONE:
             break
+    if known is not None:
+        theirs = np.zeros((6, 6))
+        add_factor(pose, factor.camera_from_world, known.information, theirs, np.zeros(6))
+        information = information - theirs
     return JointPose(pose, inlier, fisheye_inlier, information)
 
 

@@ -15,6 +15,7 @@ from navcore.slam.fisheye_pose import FisheyeObservations, refine_with_fisheye
 from navcore.slam.fisheye_view import FisheyeFeatures, FisheyeView
 from navcore.slam.keyframes import INV_SIGMA2, NO_LANDMARK, IntArray
 from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_projected
+from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.tracking import LOCAL_RADIUS_PX, SCALES, MapView, Track, local_landmarks
 
 NEAR_M = 5.0
@@ -124,21 +125,27 @@ def observations(
 
 
 def joined(
-    view: MapView, fisheye: FisheyeView, seen: FisheyeFeatures, track: Track, candidates: IntArray, radius_factor: float
+    view: MapView,
+    fisheye: FisheyeView,
+    seen: FisheyeFeatures,
+    track: Track,
+    candidates: IntArray,
+    radius_factor: float,
+    known: PoseFactor | None = None,
 ) -> FisheyeMatch:
     """Refine a frame's pose with landmarks of the map in the fisheye picture, of which ``candidates`` (k,) may be seen.
 
-    A wide search is followed by a narrow one around the better pose.
+    A wide search is followed by a narrow one around the better pose. ``known`` is what is known of the pose besides.
     """
     wide, narrow = (radius_factor, 1.0) if radius_factor > 1.5 else (0.0, radius_factor)
     match = FisheyeMatch(track, np.zeros(0, np.int32), 0, 0)
     for factor in (wide, narrow):
         if factor > 0.0:
-            match = _refined(view, fisheye, seen, match.track, candidates, factor)
+            match = _refined(view, fisheye, seen, match.track, candidates, factor, known)
     for _ in range(FURTHER_PASSES):
         if match.found_count < MIN_FOUND // 2 or match.is_sure:
             break
-        further = _refined(view, fisheye, seen, match.track, candidates, narrow)
+        further = _refined(view, fisheye, seen, match.track, candidates, narrow, known)
         if further.found_count <= match.found_count:
             break
         match = further
@@ -146,7 +153,13 @@ def joined(
 
 
 def _refined(
-    view: MapView, fisheye: FisheyeView, seen: FisheyeFeatures, track: Track, candidates: IntArray, radius_factor: float
+    view: MapView,
+    fisheye: FisheyeView,
+    seen: FisheyeFeatures,
+    track: Track,
+    candidates: IntArray,
+    radius_factor: float,
+    known: PoseFactor | None,
 ) -> FisheyeMatch:
     landmarks, features, expected = observe(view, fisheye, seen, track.camera_from_world, candidates, radius_factor)
     own = np.flatnonzero(track.landmark_of >= 0)
@@ -158,6 +171,7 @@ def _refined(
         track.features.inv_sigma2[own],
         view.camera,
         observations(view, fisheye, seen, landmarks, features),
+        known,
     )
     landmark_of = np.full(len(track.landmark_of), NO_LANDMARK, np.int32)
     landmark_of[own[pose.inlier]] = held[pose.inlier]

@@ -22,6 +22,7 @@ from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.map_evidence import MapEvidence, evidence_for
 from navcore.slam.map_uncertainty import keyframe_covariances
+from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_uncertainty import (
     centre_of,
     drifted,
@@ -242,7 +243,8 @@ class Localizer:
             found, expected = extend_by_map(self._map, found.track, candidates)
         alone = MapMatch(found.track, evidence_for(self._map, found.track, expected, frame.depth_m))
         if self._aid is not None and self._aid.has_picture and not (alone.is_ample and alone.is_convincing):
-            both = self._with_fisheye(self._aid, found.track, candidates, frame, radius_factor)
+            known = self._known_of(state, track) if found.landmark_count < STEADY_COUNT else None
+            both = self._with_fisheye(self._aid, found.track, candidates, frame, radius_factor, known)
             if both is not None:
                 return both
         if found.landmark_count < self._settings.min_inliers_count:
@@ -256,22 +258,37 @@ class Localizer:
 
         A sliver of the map at the image's edge fixes a pose badly. Where the two contradict each other, the map counts.
         """
-        if followed.carried_points is None:
+        known = self._known_of(state, followed)
+        if known is None:
             return matched
-        factor = odometry_factor(state.covariance - state.shared_covariance, state.last, followed)
-        both = steadied(self._map, matched, factor)
+        both = steadied(self._map, matched, known)
         return both if both.inlier_count >= STEADIED_SHARE * matched.inlier_count else matched
 
+    def _known_of(self, state: LocalizerState, followed: Track) -> PoseFactor | None:
+        """Return what odometry says of a frame's pose; None where it did not follow."""
+        if followed.carried_points is None:
+            return None
+        return odometry_factor(state.covariance - state.shared_covariance, state.last, followed)
+
     def _with_fisheye(
-        self, aid: FisheyeAid, track: Track, candidates: IntArray, frame: Frame, radius_factor: float
+        self,
+        aid: FisheyeAid,
+        track: Track,
+        candidates: IntArray,
+        frame: Frame,
+        radius_factor: float,
+        known: PoseFactor | None = None,
     ) -> MapMatch | None:
-        """Return the match near a pose on which both pictures agree; None where the fisheye's shows too little."""
-        match = aid.join(track, radius_factor)
+        """Return the match near a pose on which both pictures agree; None where the fisheye's shows too little.
+
+        ``known`` is what is known of the pose besides.
+        """
+        match = aid.join(track, radius_factor, known)
         if match is None:
             return None
         # Around the better pose the front view shows more.
         front, expected = extend_by_map(self._map, match.track, candidates)
-        match = aid.join(front.track, 1.0) or match
+        match = aid.join(front.track, 1.0, known) or match
         return MapMatch(match.track, evidence_for(self._map, match.track, expected, frame.depth_m), match)
 
     def _near_keyframes(self, camera_from_world: FloatArray) -> IntArray:

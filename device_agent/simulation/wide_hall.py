@@ -22,8 +22,8 @@ _WALLS = (
 )
 _PLACES = (
     Place("Entrance", "hall", 7.0, 7.0),
-    Place("Counter", "counter", 19.0, 7.0),
-    Place("Lift", "elevator", 19.0, 13.0),
+    Place("Counter", "other", 19.0, 7.0),
+    Place("Lift", "lift", 19.0, 13.0),
     Place("Exit", "exit", 7.0, 13.0),
 )
 _ROUND = ((7.0, 7.0), (19.0, 7.0), (19.0, 13.0), (7.0, 13.0), (7.0, 7.0), (13.0, 7.0))
@@ -35,7 +35,7 @@ ACROSS = ((9.0, 8.0), (18.0, 11.5), (18.0, 8.5), (8.0, 12.0), (12.0, 12.0))
 def wide_hall(road_waypoints: tuple[tuple[float, float], ...] = _ROUND, seed: int = 0) -> Building:
     """Return the hall; ``road_waypoints`` are the corners of the walk through it. The seed changes the pictures."""
     rng = np.random.default_rng([seed, 91])
-    lamps = [(float(x), float(y), HEIGHT_M - 0.04) for x in np.arange(3.25, 26.0, 6.5) for y in (4.0, 10.0, 16.0)]
+    lamps = [(x, y, HEIGHT_M - 0.04) for x in (3.25, 9.75, 16.25, 22.75) for y in (4.0, 10.0, 16.0)]
     everything = together(
         *(wall.build() for wall in _WALLS),
         *(decorate(wall, rng, ("#9a6b3f", "#7d8a94", "#b58b5a")) for wall in _WALLS),

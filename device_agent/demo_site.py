@@ -13,6 +13,7 @@ from navcore.errors import InputError, SiteError
 from navcore.recording import open_recording
 from navcore.settings import Settings
 from navcore.site import Site, load_site, save_site
+from navcore.slam.map_arrays import descriptor_kind
 
 MAP_VERSION = 1
 """Counts up when the building, the recording or the mapping changes so that a kept map no longer fits."""
@@ -26,7 +27,12 @@ def prepare_demo_site(data: Path, size_px: tuple[int, int], rate_hz: float, *, f
     The picture size and the frame rate are those of the walker's camera, for the map and for the walk alike.
     """
     site, note = data / "site", data / "demo.json"
-    wanted = {"map_version": MAP_VERSION, "size_px": list(size_px), "rate_hz": rate_hz}
+    wanted = {
+        "map_version": MAP_VERSION,
+        "features": descriptor_kind().tobytes().hex(),
+        "size_px": list(size_px),
+        "rate_hz": rate_hz,
+    }
     if not fresh and _kept(note) == wanted and _is_whole(site):
         return site
     _make_folder(data)

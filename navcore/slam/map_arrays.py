@@ -6,6 +6,7 @@ points at something, every number that must be one is one, and no table grows be
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,9 +15,14 @@ from numpy.typing import NDArray
 
 from navcore.errors import SiteError
 from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT
+from navcore.slam.pattern import comparison_pattern
 
 Arrays = Mapping[str, NDArray[Any]]
 
+FEATURE_VERSION = 1
+"""Counts up when corners or descriptors are computed in another way than before, beyond the comparison pattern."""
+DESCRIPTOR_KIND = "descriptor_kind"
+"""Name of the array that says how a map's descriptors were made."""
 MAX_FEATURES = 20_000
 """Features of one key frame, at most."""
 MAX_TABLE_ENTRIES = 1 << 28
@@ -70,6 +76,22 @@ _FINITE = (
 def damaged(what: str) -> SiteError:
     """Return the error that says what is wrong with a stored map."""
     return SiteError(f"The map is damaged, {what}: build it again, or restore the site from a copy.")
+
+
+def descriptor_kind() -> NDArray[np.uint8]:
+    """Return eight bytes that name how this program makes descriptors; those of another kind match nothing."""
+    made_by = repr(FEATURE_VERSION).encode() + comparison_pattern().tobytes()
+    return np.frombuffer(hashlib.sha256(made_by).digest()[:8], np.uint8)
+
+
+def refuse_other_descriptors(arrays: Arrays) -> None:
+    """Raise SiteError where a map was made with other descriptors: nothing would ever be recognised in it."""
+    kind = arrays.get(DESCRIPTOR_KIND)
+    if kind is None or kind.dtype != np.uint8 or not np.array_equal(kind, descriptor_kind()):
+        raise SiteError(
+            "The map was made by a program that describes its features in another way, so nothing can be recognised in"
+            " it: build it again from its recordings."
+        )
 
 
 def checked_arrays(arrays: Arrays) -> dict[str, NDArray[Any]]:

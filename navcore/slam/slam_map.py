@@ -19,7 +19,14 @@ from navcore.geometry import FloatArray
 from navcore.slam.depth_model import grid_shape
 from navcore.slam.keyframes import NO_LANDMARK, ByteArray, IntArray, SlamCamera
 from navcore.slam.map import MapBuilder
-from navcore.slam.map_arrays import SHAPES, checked_arrays, damaged
+from navcore.slam.map_arrays import (
+    DESCRIPTOR_KIND,
+    SHAPES,
+    checked_arrays,
+    damaged,
+    descriptor_kind,
+    refuse_other_descriptors,
+)
 from navcore.slam.place_recognition import PlaceIndex
 
 BoolArray = NDArray[np.bool_]
@@ -117,6 +124,7 @@ class SlamMap:
         """Return everything as plain arrays by name, to be stored."""
         camera = self.camera
         arrays: dict[str, NDArray[Any]] = {name: getattr(self, name) for name in SHAPES if name != "camera"}
+        arrays[DESCRIPTOR_KIND] = descriptor_kind()
         arrays["camera"] = np.array(
             [
                 camera.width_px,
@@ -133,8 +141,10 @@ class SlamMap:
 
     @staticmethod
     def from_arrays(arrays: Mapping[str, NDArray[Any]]) -> SlamMap:
-        """Read back what :meth:`to_arrays` gave. Raises SiteError where something is missing or does not fit."""
+        """Read back what :meth:`to_arrays` gave. Raises SiteError where something is missing, does not fit, or was made
+        with descriptors that this program does not make."""
         checked = checked_arrays(arrays)
+        refuse_other_descriptors(arrays)
         try:
             places = PlaceIndex.from_arrays(
                 {name.removeprefix(_PLACE_PREFIX): a for name, a in arrays.items() if name.startswith(_PLACE_PREFIX)}

@@ -18,7 +18,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     record = actions.add_parser("record", help="record the simulated sighted person's walk")
     record.add_argument("folder", type=Path, metavar="FOLDER", help="new folder for the recording")
     add_simulation_options(record, seed=0)
-    record.add_argument("--floor", default="office", metavar="NAME", help="office (default) or blank-corridor")
+    record.add_argument(
+        "--floor", default="office", metavar="NAME", help="office (default), wide-hall or blank-corridor"
+    )
     record.add_argument(
         "--max-length-m", type=positive_number, default=math.inf, help="end the walk after this distance"
     )

@@ -7,10 +7,12 @@ from collections.abc import Callable
 from device_agent.simulation.blank_corridor import blank_corridor
 from device_agent.simulation.building import Building
 from device_agent.simulation.office_floor import office_floor
+from device_agent.simulation.wide_hall import wide_hall
 from navcore.errors import InputError
 
 FLOORS: dict[str, Callable[[], Building]] = {
     "office": office_floor,
+    "wide-hall": wide_hall,
     "blank-corridor": blank_corridor,
 }
 

@@ -47,14 +47,15 @@ def projection_jacobian(lens: FisheyeIntrinsics, points: FloatArray) -> FloatArr
 def radius_of(numbers: FloatArray, theta: float) -> float:
     """Return θ_d of θ, radians."""
     t2 = theta * theta
-    return theta * (1.0 + t2 * (numbers[4] + t2 * (numbers[5] + t2 * (numbers[6] + t2 * numbers[7]))))
+    return float(theta * (1.0 + t2 * (numbers[4] + t2 * (numbers[5] + t2 * (numbers[6] + t2 * numbers[7])))))
 
 
 @kernel
 def radius_slope(numbers: FloatArray, theta: float) -> float:
     """Return dθ_d / dθ."""
     t2 = theta * theta
-    return 1.0 + t2 * (3.0 * numbers[4] + t2 * (5.0 * numbers[5] + t2 * (7.0 * numbers[6] + t2 * 9.0 * numbers[7])))
+    slope = 3.0 * numbers[4] + t2 * (5.0 * numbers[5] + t2 * (7.0 * numbers[6] + t2 * 9.0 * numbers[7]))
+    return float(1.0 + t2 * slope)
 
 
 @kernel
@@ -103,7 +104,7 @@ def angle_of_radius(numbers: FloatArray, radius: float) -> float:
     low, high = 0.0, numbers[8]
     if not 0.0 <= radius <= radius_of(numbers, high):
         return math.nan
-    theta = min(radius, high)
+    theta = float(min(radius, high))
     for _ in range(_NEWTON_STEPS):
         error = radius_of(numbers, theta) - radius
         if error > 0.0:

@@ -133,6 +133,25 @@ class MapMatch:
         return self.evidence.is_plausible and shift_m < CONTINUITY_M
 
 
+class _RememberedCovisibility:
+    """The frozen map's covisibility: neighbours are looked up once per key frame."""
+
+    def __init__(self, slam_map: SlamMap) -> None:
+        self._map = slam_map
+        self._neighbours: dict[tuple[int, int], tuple[IntArray, IntArray]] = {}
+
+    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
+        """See :meth:`SlamMap.keyframes_seeing`."""
+        return self._map.keyframes_seeing(landmarks)
+
+    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
+        """See :meth:`SlamMap.covisible`."""
+        known = self._neighbours.get((index, min_shared))
+        if known is None:
+            known = self._neighbours[index, min_shared] = self._map.covisible(index, min_shared)
+        return known
+
+
 class Localizer:
     """Locates frames in a map. Frames come in order of their stamps, and may be dropped; ``reset`` forgets them."""
 
@@ -144,6 +163,7 @@ class Localizer:
         self._extractor = FeatureExtractor(intrinsics, camera, count)
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
+        self._covisibility = _RememberedCovisibility(self._map)
         self._keyframe_covariances = keyframe_covariances(slam_map)
         self._state: LocalizerState | None = None
         self._depth = DepthAid(slam_map)
@@ -230,7 +250,7 @@ class Localizer:
     ) -> MapMatch | None:
         seed = track.landmarks if track.inlier_count >= 10 else state.last.landmarks
         if len(seed) >= 10:
-            keyframes = local_keyframes(self._map, seed)
+            keyframes = local_keyframes(self._covisibility, seed)
         else:
             keyframes = self._near_keyframes(track.camera_from_world)
         candidates = local_landmarks(self._map, keyframes)
@@ -336,7 +356,7 @@ class Localizer:
         best: MapMatch | None = None
         rival = 0
         for found in proposals(self._map, features, frame.stamp_s, alike.tolist(), RELOCALIZATION_INLIERS):
-            around = local_landmarks(self._map, local_keyframes(self._map, found.track.landmarks))
+            around = local_landmarks(self._map, local_keyframes(self._covisibility, found.track.landmarks))
             match = MapMatch(found.track, evidence_for(self._map, found.track, around, frame.depth_m))
             if not match.is_convincing:
                 continue

@@ -22,6 +22,10 @@ SAMPLED_KEYFRAMES = 60
 """Key frames whose covariance is computed, evenly over the recording; the others take that of the nearest in time."""
 GAUGE_LEVER_M = 1.0
 """When the map is laid onto the truth, a radian of a key frame counts as much as this distance."""
+TIE_SIGMA_M = 0.1
+TIE_SIGMA_RAD = 0.03
+"""Standard deviation between key frames that follow each other in a recording, were there no landmark: they have been
+followed from one to the next all the same."""
 _PRIOR = 1.0
 """Information (1/m², 1/rad²) on each key frame, so that the system can be inverted: next to nothing."""
 
@@ -36,6 +40,8 @@ def keyframe_covariances(slam_map: SlamMap) -> FloatArray:
     blocks, row, col = _reduced_system(slam_map)
     turned = _world_from_twist(slam_map)
     information = _assembled(turned[row] @ blocks @ turned[col].transpose(0, 2, 1), row, col, slam_map.keyframe_count)
+    prior = _PRIOR * scipy.sparse.identity(information.shape[0], format="csc")
+    information = scipy.sparse.csc_matrix(information + _ties(slam_map) + prior)
     factor = scipy.sparse.linalg.splu(
         information, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
@@ -89,16 +95,38 @@ def _assembled(blocks: FloatArray, row: IntArray, col: IntArray, count: int) -> 
     data = np.concatenate([blocks, blocks[off].transpose(0, 2, 1)])
     within_row, within_col = np.mgrid[0:6, 0:6]
     places = ((rows[:, None, None] * 6 + within_row).ravel(), (cols[:, None, None] * 6 + within_col).ravel())
-    matrix = scipy.sparse.csc_matrix((data.ravel(), places), shape=(6 * count, 6 * count))
-    return scipy.sparse.csc_matrix(matrix + _PRIOR * scipy.sparse.identity(6 * count, format="csc"))
+    return scipy.sparse.csc_matrix((data.ravel(), places), shape=(6 * count, 6 * count))
+
+
+def _ties(slam_map: SlamMap) -> scipy.sparse.csc_matrix:
+    """Return the information that ties each key frame to the one before it in the same recording."""
+    after = np.flatnonzero(np.diff(slam_map.keyframe_session) == 0).astype(np.int32) + np.int32(1)
+    before = after - np.int32(1)
+    centres = _centres(slam_map)
+    carried = _carried(centres[after] - centres[before])
+    weight = np.broadcast_to(np.diag([TIE_SIGMA_M**-2] * 3 + [TIE_SIGMA_RAD**-2] * 3), carried.shape)
+    back = carried.transpose(0, 2, 1) @ weight
+    blocks = np.concatenate([back @ carried, weight, -back])
+    row, col = np.concatenate([before, after, before]), np.concatenate([before, after, after])
+    return _assembled(blocks, row, col, slam_map.keyframe_count)
+
+
+def _centres(slam_map: SlamMap) -> FloatArray:
+    return np.asarray(
+        -np.einsum("kji,kj->ki", slam_map.camera_from_world[:, :3, :3], slam_map.camera_from_world[:, :3, 3])
+    )
 
 
 def _rigid_motions(slam_map: SlamMap) -> FloatArray:
     """Return (K, 6, 6): how each key frame moves when the whole map is shifted, and turned about its middle."""
-    rotations = slam_map.camera_from_world[:, :3, :3]
-    centres = -np.einsum("kji,kj->ki", rotations, slam_map.camera_from_world[:, :3, 3])
-    x, y, z = (centres - centres.mean(axis=0)).T
-    motions = np.zeros((len(centres), 6, 6))
+    centres = _centres(slam_map)
+    return _carried(centres - centres.mean(axis=0))
+
+
+def _carried(arms_m: FloatArray) -> FloatArray:
+    """Return (n, 6, 6): how what is fixed to something at the end of an arm (n, 3) moves when that thing moves."""
+    x, y, z = arms_m.T
+    motions = np.zeros((len(arms_m), 6, 6))
     motions[:] = np.eye(6)
     motions[:, 0, 4], motions[:, 0, 5] = z, -y
     motions[:, 1, 3], motions[:, 1, 5] = -z, x

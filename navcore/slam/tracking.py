@@ -49,7 +49,19 @@ NEIGHBOURS = 10
 """Covisible key frames that each of them brings along."""
 
 
-class MapView(Protocol):
+class Covisibility(Protocol):
+    """Which key frames see the same landmarks."""
+
+    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
+        """Return the key frames that see any of the landmarks, best first, and how many each sees."""
+        ...
+
+    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
+        """Return the key frames that share landmarks with one, best first, and how many."""
+        ...
+
+
+class MapView(Covisibility, Protocol):
     """What tracking reads of a map, growing or frozen; see :class:`navcore.slam.map.MapBuilder` for the arrays."""
 
     @property
@@ -66,13 +78,6 @@ class MapView(Protocol):
     def landmark_of(self) -> IntArray: ...
     @property
     def landmark_alive(self) -> BoolArray: ...
-    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
-        """Return the key frames that see any of the landmarks, best first, and how many each sees."""
-        ...
-
-    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
-        """Return the key frames that share landmarks with one, best first, and how many."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -311,7 +316,7 @@ def _guess_from_matches(
 
 
 # ------------------------------------------------------------------------------------------------- local map
-def local_keyframes(view: MapView, landmarks: IntArray) -> IntArray:
+def local_keyframes(view: Covisibility, landmarks: IntArray) -> IntArray:
     """Return the key frames that see the landmarks, best first, with covisible neighbours of the best."""
     seeing, _ = view.keyframes_seeing(landmarks)
     chosen = seeing[:LOCAL_KEYFRAMES].tolist()

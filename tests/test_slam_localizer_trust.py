@@ -1,0 +1,281 @@
+"""What a pose says of itself: the covariance holds the truth, evidence tells right from wrong, the same again."""
+
+import dataclasses
+import itertools
+
+import numpy as np
+import pytest
+
+from navcore.geometry import FloatArray, Transform
+from navcore.settings import LocalizationSettings
+from navcore.slam.keyframes import SlamCamera
+from navcore.slam.lie import exp_se3
+from navcore.slam.localizer import Localizer
+from navcore.slam.map_evidence import CELL_COLUMNS, CELL_ROWS, MapEvidence, evidence_for
+from navcore.slam.map_uncertainty import keyframe_covariances
+from navcore.slam.mapper import Mapper
+from navcore.slam.pose_uncertainty import LEAST_MISFIT, drifted, is_walkable, misfit, odometry_factor
+from navcore.slam.rehearsal import REHEARSAL_CAMERA, rehearse, sliding_frames
+from navcore.slam.relocalization import is_same_place, proposals
+from navcore.slam.slam_map import SlamMap
+from navcore.slam.tracking import Track, local_keyframes, local_landmarks
+from navcore.types import Frame, LocalizationQuality
+
+CHI2_3 = 7.815
+
+
+@pytest.fixture(scope="module")
+def slam_map() -> SlamMap:
+    return rehearse(60)[0].finish()
+
+
+@pytest.fixture(scope="module")
+def walk() -> list[tuple[Frame, Transform]]:
+    return list(sliding_frames(60))
+
+
+def _localizer(slam_map: SlamMap) -> Localizer:
+    return Localizer(slam_map, REHEARSAL_CAMERA, LocalizationSettings())
+
+
+def _followed(slam_map: SlamMap, walk: list[tuple[Frame, Transform]], count: int) -> Track:
+    localizer = _localizer(slam_map)
+    for frame, _ in walk[:count]:
+        localizer.locate(frame)
+    assert localizer.state is not None
+    return localizer.state.last
+
+
+def _displaced(track: Track, *shift_m: float) -> Track:
+    twist = np.array([*shift_m, 0.0, 0.0, 0.0])
+    return dataclasses.replace(track, camera_from_world=exp_se3(twist) @ track.camera_from_world)
+
+
+def _evidence(slam_map: SlamMap, track: Track, frame: Frame) -> MapEvidence:
+    around = local_landmarks(slam_map, local_keyframes(slam_map, track.landmarks))
+    return evidence_for(slam_map, track, around, frame.depth_m)
+
+
+# ------------------------------------------------------------------------------------------------- uncertainty
+def test_the_covariance_holds_the_truth(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    localizer = _localizer(slam_map)
+    held = []
+    for frame, truth in walk:
+        found = localizer.locate(frame)
+        assert found.world_from_camera is not None
+        assert found.covariance is not None
+        error = found.world_from_camera.translation - truth.translation
+        held.append(error @ np.linalg.solve(found.covariance[:3, :3], error) < CHI2_3)
+    assert np.mean(held) >= 0.9
+
+
+def test_pixels_that_err_together_widen_the_covariance(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    track = _followed(slam_map, walk, 20)
+    assert misfit(slam_map, track) < 2.0
+    uvr = track.features.uvr_px.copy()
+    # As a rolling shutter does: the lower the row, the farther to the side.
+    uvr[:, 0] += 3.0 * (uvr[:, 1] / REHEARSAL_CAMERA.height_px - 0.5)
+    sheared = dataclasses.replace(track, features=dataclasses.replace(track.features, uvr_px=uvr))
+    assert misfit(slam_map, sheared) > 3.0 * misfit(slam_map, track)
+
+
+def test_independent_pixel_noise_of_nominal_size_is_no_misfit(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    track = _followed(slam_map, walk, 20)
+    rng = np.random.default_rng(3)
+    factors = []
+    for _ in range(20):
+        seen = np.flatnonzero(track.landmark_of >= 0)
+        uvr = track.features.uvr_px.copy()
+        uvr[seen] = _projected(track, slam_map, seen)
+        uvr[seen] += rng.normal(size=(len(seen), 3)) / np.sqrt(track.features.inv_sigma2[seen, None])
+        noisy = dataclasses.replace(track, features=dataclasses.replace(track.features, uvr_px=uvr))
+        factors.append(misfit(slam_map, noisy))
+    assert LEAST_MISFIT <= np.mean(factors) < 1.6
+
+
+def _projected(track: Track, slam_map: SlamMap, seen: np.ndarray) -> FloatArray:
+    camera, pose = slam_map.camera, track.camera_from_world
+    x, y, z = (slam_map.positions[track.landmark_of[seen]] @ pose[:3, :3].T + pose[:3, 3]).T
+    u = camera.fx_px * x / z + camera.cx_px
+    return np.stack([u, camera.fy_px * y / z + camera.cy_px, u - camera.bf_px_m / z], axis=1)
+
+
+def test_the_map_is_surest_in_its_middle(slam_map: SlamMap) -> None:
+    covariances = keyframe_covariances(slam_map)
+    assert covariances.shape == (slam_map.keyframe_count, 6, 6)
+    assert np.linalg.eigvalsh(covariances).min() > 0
+    spread = np.trace(covariances[:, :3, :3], axis1=1, axis2=2)
+    middle = len(spread) // 2
+    # A walk along a wall without any loop: its ends are known worst.
+    assert spread[0] > spread[middle]
+    assert spread[-1] > spread[middle]
+
+
+def test_the_maps_covariance_turns_with_the_map(slam_map: SlamMap) -> None:
+    turn = np.eye(4)
+    turn[:2, :2] = [[0.0, -1.0], [1.0, 0.0]]
+    turn[:3, 3] = (5.0, -2.0, 1.0)
+    both = np.kron(np.eye(2), turn[:3, :3])
+    expected = both @ keyframe_covariances(slam_map) @ both.T
+    np.testing.assert_allclose(keyframe_covariances(slam_map.transformed(turn)), expected, rtol=1e-3, atol=1e-9)
+
+
+def test_odometry_grows_by_what_is_moved_and_weighs_less_then(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    track = _followed(slam_map, walk, 20)
+    covariance = np.diag([1e-4] * 3 + [1e-5] * 3)
+    stood = drifted(covariance, track, track)
+    moved = drifted(covariance, track, _displaced(track, 0.5, 0.0, 0.0))
+    assert np.trace(moved) > np.trace(stood) > np.trace(covariance)
+    near = odometry_factor(covariance, track, track).information
+    far = odometry_factor(covariance, track, _displaced(track, 0.5, 0.0, 0.0)).information
+    assert np.linalg.eigvalsh(near - far).min() > -1e-6 * np.trace(near)
+    assert np.trace(far) < np.trace(near)
+
+
+def test_nobody_jumps(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    track = _followed(slam_map, walk, 20)
+    later = dataclasses.replace(track, stamp_s=track.stamp_s + 0.1)
+    assert is_walkable(track, _displaced(later, 0.2, 0.0, 0.0))
+    assert not is_walkable(track, _displaced(later, 0.8, 0.0, 0.0))
+
+
+# ---------------------------------------------------------------------------------------------------- evidence
+def test_the_right_pose_convinces(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    evidence = _evidence(slam_map, _followed(slam_map, walk, 20), walk[19][0])
+    assert evidence.is_convincing
+    assert evidence.is_plausible
+    assert evidence.cells <= CELL_COLUMNS * CELL_ROWS
+
+
+def test_a_surface_behind_the_landmarks_contradicts(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    track, frame = _followed(slam_map, walk, 20), walk[19][0]
+    farther = dataclasses.replace(frame, depth_m=frame.depth_m + np.float32(1.0))
+    assert not _evidence(slam_map, track, farther).is_plausible
+
+
+def test_what_hides_the_landmarks_says_nothing(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    track, frame = _followed(slam_map, walk, 20), walk[19][0]
+    depth_m = frame.depth_m.copy()
+    depth_m[:, :100] = 0.6
+    assert _evidence(slam_map, track, dataclasses.replace(frame, depth_m=depth_m)).is_convincing
+
+
+def test_landmarks_found_in_one_corner_only_do_not_convince(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    track, frame = _followed(slam_map, walk, 20), walk[19][0]
+    corner = (track.features.uv_px[:, 0] < 120) & (track.features.uv_px[:, 1] < 120)
+    sparse = dataclasses.replace(track, landmark_of=np.where(corner, track.landmark_of, -1).astype(np.int32))
+    around = local_landmarks(slam_map, local_keyframes(slam_map, track.landmarks))
+    assert not evidence_for(slam_map, sparse, around, frame.depth_m).is_convincing
+
+
+# ---------------------------------------------------------------------------------------------------- searching
+def test_every_frame_of_the_walk_is_found_without_a_guess(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    localizer = _localizer(slam_map)
+    for frame, truth in walk[::3]:
+        localizer.reset()
+        found = localizer.locate(frame)
+        assert found.world_from_camera is not None
+        assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.05
+
+
+def test_proposals_are_different_places(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    features = _followed(slam_map, walk, 30).features
+    everywhere = range(slam_map.keyframe_count)
+    tracks = [found.track for found in proposals(slam_map, features, 0.0, everywhere, 20)]
+    assert tracks
+    for number, track in enumerate(tracks):
+        assert not any(is_same_place(track, other) for other in tracks[:number])
+
+
+def test_two_places_that_look_alike_are_not_told_apart(walk: list[tuple[Frame, Transform]]) -> None:
+    """The same wall twice in a building, four metres higher the second time: which one it is, nobody can say."""
+    mapper = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), 600)
+    for frame, _ in walk[:30]:
+        mapper.add(frame)
+    single = mapper.finish()
+    assert _localizer(single).locate(walk[10][0]).world_from_camera is not None
+    assert _localizer(_doubled(single)).locate(walk[10][0]).quality is LocalizationQuality.LOST
+
+
+def _doubled(slam_map: SlamMap) -> SlamMap:
+    arrays = slam_map.to_arrays()
+    lift = np.eye(4)
+    lift[1, 3] = 4.0
+    upper = slam_map.transformed(lift).to_arrays()
+    count, landmarks, features = slam_map.keyframe_count, len(slam_map.positions), int(slam_map.feature_start[-1])
+    joined = {name: np.concatenate([array, upper[name]]) for name, array in arrays.items() if name not in _WHOLE}
+    joined |= {name: arrays[name] for name in _WHOLE if name in arrays}
+    joined["feature_start"] = np.concatenate([arrays["feature_start"], arrays["feature_start"][1:] + features])
+    shown = arrays["feature_landmark"]
+    joined["feature_landmark"] = np.concatenate([shown, np.where(shown < 0, -1, shown + landmarks).astype(np.int32)])
+    joined["parent"] = np.concatenate(
+        [arrays["parent"], np.where(arrays["parent"] < 0, -1, arrays["parent"] + count).astype(np.int32)]
+    )
+    joined["loop_edges"] = np.concatenate([arrays["loop_edges"], arrays["loop_edges"] + np.int32(count)])
+    ids, end = arrays["place_image_ids"], arrays["place_image_end"]
+    joined["place_image_ids"] = np.concatenate([ids, ids + np.int32(count)])
+    joined["place_image_end"] = np.concatenate([end, end[1:] + end[-1]])
+    return SlamMap.from_arrays(joined)
+
+
+_WHOLE = ("camera", "descriptor_kind", "place_vocabulary", "trajectory", "trajectory_stamp_s", "trajectory_session")
+
+
+# ------------------------------------------------------------------------------------------------ whole story
+def test_the_middle_is_unknown_the_covariance_grows_holds_the_truth_and_drops_again(
+    walk: list[tuple[Frame, Transform]],
+) -> None:
+    """The map knows both ends of the walk; in between only odometry does."""
+    slam_map = rehearse(60)[0].finish()
+    unknown = [k for k, stamp_s in enumerate(slam_map.keyframe_stamp_s.tolist()) if 1.2 < stamp_s < 4.6]
+    localizer = _localizer(_without(slam_map, unknown))
+    spread, matched = [], []
+    for frame, truth in walk:
+        found = localizer.locate(frame)
+        assert found.world_from_camera is not None
+        assert found.covariance is not None
+        assert localizer.state is not None
+        error = found.world_from_camera.translation - truth.translation
+        assert error @ np.linalg.solve(found.covariance[:3, :3], error) < 2 * CHI2_3
+        # Along the wall, for how far away it is, its surface shows; and relative to the map.
+        spread.append(float((localizer.state.covariance - localizer.state.shared_covariance)[0, 0]))
+        matched.append(localizer.state.matched_s == frame.stamp_s)
+    runs = [list(run) for known, run in itertools.groupby(range(len(walk)), matched.__getitem__) if not known]
+    blind = max(runs, key=len)
+    assert len(blind) >= 5
+    assert spread[blind[-1]] > spread[blind[0]] > spread[blind[0] - 1]
+    assert spread[-1] < 0.5 * spread[blind[-1]]
+
+
+def _without(slam_map: SlamMap, keyframes: list[int]) -> SlamMap:
+    """Return the map without the landmarks that these key frames see."""
+    gone = np.unique(slam_map.landmark_of[keyframes])
+    shown = slam_map.feature_landmark.copy()
+    shown[np.isin(shown, gone[gone >= 0])] = -1
+    return SlamMap.from_arrays(slam_map.to_arrays() | {"feature_landmark": shown})
+
+
+def test_the_same_frames_give_the_same_poses(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    def poses() -> list[bytes]:
+        localizer = _localizer(slam_map)
+        frames = [*walk[:8], *list(sliding_frames(3, seed=9)), *walk[30:40]]
+        located = [localizer.locate(frame) for frame, _ in frames]
+        return [b"" if f.world_from_camera is None else f.world_from_camera.matrix.tobytes() for f in located]
+
+    assert poses() == poses()
+
+
+def test_another_direction_is_another_place(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    track = _followed(slam_map, walk, 10)
+    assert is_same_place(track, _displaced(track, 0.1, 0.0, 0.0))
+    assert not is_same_place(track, _displaced(track, 0.0, 0.0, 0.5))
+    about = np.diag([-1.0, 1.0, -1.0, 1.0]) @ track.camera_from_world
+    assert not is_same_place(track, dataclasses.replace(track, camera_from_world=about))

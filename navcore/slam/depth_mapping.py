@@ -15,8 +15,10 @@ SPARSE_LANDMARKS = 50
 """Fewer landmarks than this, and depth is asked as well."""
 KEYFRAME_OVERLAP = 0.6
 """A key frame is due when less than this share of the reference's surfaces is seen again, where depth carries."""
-MAX_BLIND_S = 1.0
+MAX_BLIND_S = 2.0
 """For so long the motion model may fill directions that neither landmarks nor surfaces fix."""
+FOUND_AGAIN_S = 0.5
+"""For so long after a loss surfaces alone can find the camera again: corridors look alike every few metres."""
 FOUND_AGAIN_OVERLAP = 0.5
 """After a loss, this share of the last reference's surfaces must be seen again."""
 
@@ -43,6 +45,8 @@ class DepthCarrier:
         found = carry(reference, self._model_of(reference), self._builder.pose_of(reference), depth, guess, step_s)
         if found is None or not was_lost:
             return found
+        if abs(step_s) > FOUND_AGAIN_S:
+            return None
         is_sure = found.is_complete and found.alignment.overlap >= FOUND_AGAIN_OVERLAP
         return found if is_sure else None
 

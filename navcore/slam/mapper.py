@@ -41,8 +41,8 @@ MIN_START_POINTS = 100
 """Features with depth that the first frame needs."""
 MIN_TRACKED_FRAMES = 5
 """A map needs so many tracked frames."""
-MIN_BESIDE_DEPTH = 10
-"""Points that must agree where surfaces leave a direction open."""
+MIN_BESIDE_DEPTH = 20
+"""Points of the last frame that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
 KEYFRAME_RATIO = 0.75
@@ -301,7 +301,9 @@ class Mapper:
         carried = self._carried
         is_fixed = is_seen or (
             carried is not None
-            and (carried.is_complete or max(matched_count, found.landmark_count) >= MIN_BESIDE_DEPTH)
+            and (
+                carried.is_complete or (matched_count >= MIN_BESIDE_DEPTH and carried.is_completed_by(near.information))
+            )
         )
         if not self._depth.note(stamp_s, is_fixed) or not (is_seen or carried is not None):
             return None

@@ -134,6 +134,7 @@ class LoopCloser:
                 self._close([partner, detected])
         if len(self._builder.keyframes) > 1:
             mapping.adjust_all(self._builder, iterations)
+            mapping.settle_all(self._builder, iterations)
         return self.closures[before:]
 
     # ------------------------------------------------------------------------------------------- candidates

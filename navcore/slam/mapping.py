@@ -12,7 +12,7 @@ import numpy as np
 from navcore.geometry import FloatArray
 from navcore.slam.bundle_adjustment import bundle_adjust
 from navcore.slam.keyframes import Features, IntArray
-from navcore.slam.map import BoolArray, MapBuilder
+from navcore.slam.map import BoolArray, MapBuilder, Observations
 from navcore.slam.matching import DISTANCE_STRICT, match_projected, project_landmarks
 from navcore.slam.tracking import SCALES
 
@@ -22,6 +22,8 @@ LOCAL_ADJUSTMENT_KEYFRAMES = 30
 """Key frames that local bundle adjustment moves, at most."""
 FIXED_KEYFRAMES = 100
 """Key frames that hold them in place, at most."""
+FINAL_DEPTH_FACTOR = 4.0
+"""Times the virtual baseline, in the last adjustment: at 100 px·m, a depth z then counts as measured to z²/400 m."""
 FUSION_NEIGHBOURS = 10
 """Covisible key frames with which landmarks are fused."""
 FUSION_RADIUS_PX = 3.0
@@ -144,8 +146,24 @@ def adjust_all(builder: MapBuilder, iterations: int = 10) -> None:
     adjust(builder, np.flatnonzero(builder.keyframe_alive).astype(np.int32), iterations)
 
 
-def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
-    """Bundle-adjust key frames and the landmarks they see; observations that disagree are dropped."""
+def settle_all(builder: MapBuilder, iterations: int = 15) -> None:
+    """Bundle-adjust the whole map a last time, depth weighing what the sensor deserves; no observation is dropped.
+
+    While the map grows, depth must not outweigh the image: it errs at edges and lags in fast turns. In a map that fits
+    together its noise is what remains, and averages out.
+    """
+    moving = np.flatnonzero(builder.keyframe_alive).astype(np.int32)
+    adjust(builder, moving, iterations, depth_factor=FINAL_DEPTH_FACTOR, drops=False)
+
+
+def adjust(
+    builder: MapBuilder, moving: IntArray, iterations: int, *, depth_factor: float = 1.0, drops: bool = True
+) -> None:
+    """Bundle-adjust key frames and the landmarks they see.
+
+    ``depth_factor`` multiplies the baseline that depth is weighed with; where ``drops``, observations that disagree are
+    dropped.
+    """
     rows = builder.landmark_of[moving]
     landmarks = np.unique(rows[rows >= 0])
     if len(landmarks) == 0:
@@ -161,30 +179,35 @@ def adjust(builder: MapBuilder, moving: IntArray, iterations: int) -> None:
     if not fixed.any():
         fixed[0] = True
     camera = builder.camera
+    uvr_px = seen.uvr_px.copy()
+    uvr_px[:, 2] = uvr_px[:, 0] - depth_factor * (uvr_px[:, 0] - uvr_px[:, 2])
     result = bundle_adjust(
         camera.fx_px,
         camera.fy_px,
         camera.cx_px,
         camera.cy_px,
-        camera.bf_px_m,
+        camera.bf_px_m * depth_factor,
         builder.camera_from_world[keyframes],
         fixed,
         builder.positions[landmarks],
         np.searchsorted(keyframes, seen.keyframe).astype(np.int32),
         np.searchsorted(landmarks, seen.landmark).astype(np.int32),
-        seen.uvr_px,
+        uvr_px,
         seen.inv_sigma2,
         iterations,
     )
     builder.camera_from_world[keyframes] = result.poses
     builder.positions[landmarks] = result.points
-    wrong = ~result.inlier
+    if drops:
+        _drop(builder, seen, ~result.inlier, landmarks)
+    builder.refresh_landmarks(landmarks)
+
+
+def _drop(builder: MapBuilder, seen: Observations, wrong: BoolArray, landmarks: IntArray) -> None:
     builder.disconnect(seen.keyframe[wrong], seen.feature[wrong])
-    counts = builder.observation_counts()
-    unseen = landmarks[counts[landmarks] == 0]
+    unseen = landmarks[builder.observation_counts()[landmarks] == 0]
     if len(unseen):
         builder.remove_landmarks(unseen)
-    builder.refresh_landmarks(landmarks)
 
 
 # ----------------------------------------------------------------------------------------------------- culling

@@ -10,6 +10,8 @@ import cv2
 import numpy as np
 import pytest
 
+from device_agent.adapters.clocks import FakeClock
+from device_agent.adapters.recorded import RecordedCamera
 from navcore.errors import RecordingError
 from navcore.geometry import Transform
 from navcore.recording import RecordingWriter, open_recording
@@ -64,6 +66,14 @@ def test_a_recording_without_it_is_whole(folder: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "plain" / "fisheye").exists()
     for name in ("calib.txt", "associations.txt"):
         assert (tmp_path / "plain" / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_played_again_the_picture_keeps_its_distance_in_time(folder: Path) -> None:
+    camera = RecordedCamera(open_recording(folder), FakeClock(50.0))
+    first = camera.read()
+    assert first.fisheye is not None
+    assert first.stamp_s == pytest.approx(50.0)
+    assert first.fisheye.stamp_s == pytest.approx(50.01)
 
 
 def rewrite_calibration(old: str, new: str) -> Callable[[Path], None]:

@@ -4,11 +4,23 @@ The last frame and the map's key frames are matched (paper IV-A). Where the map 
 carries the pose on (visual odometry), and its covariance grows; where the map matches again, the drift is gone. After a
 loss, and at the start, place recognition finds the pose again. Every pose says how far it can be trusted: a pose is
 called Localized only when map, motion and depth image agree.
+
+States, from frame to frame:
+
+- *Lost* (no state): every frame searches the whole map. A place that convinces, without a rival, makes it Uncertain.
+- *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row; its covariance
+  allows for a mistaken place. A match that moves the pose farther than its uncertainty begins this anew.
+- *Localized*: confirmed, matched with the map within ``MAX_UNMATCHED_S``, and sure enough.
+- *Uncertain, carried*: surfaces or odometry carry the pose on, the covariance grows, and the whole map is searched
+  every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
+  confirmation away; ``MAX_ODOMETRY_S`` without the map, or a frame that nothing can follow, makes it Lost.
+
+The same frames in the same order give the same poses.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -17,10 +29,10 @@ from navcore.settings import LocalizationSettings
 from navcore.slam.depth_localization import DepthAid
 from navcore.slam.features import FeatureExtractor, feature_count_for
 from navcore.slam.fisheye_localization import FisheyeAid
-from navcore.slam.fisheye_tracking import FisheyeMatch
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
-from navcore.slam.map_evidence import MapEvidence, evidence_for
+from navcore.slam.localizer_state import CONFIRMATIONS, LocalizerState, MapMatch, RememberedCovisibility
+from navcore.slam.map_evidence import evidence_for
 from navcore.slam.map_uncertainty import keyframe_covariances
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_uncertainty import (
@@ -52,16 +64,10 @@ RELOCALIZATION_INLIERS = 40
 """Landmarks that must agree when there was no guess."""
 RIVAL_SHARE = 0.6
 """Where another place convinces too, with more than this share of the best one's landmarks, neither is believed."""
-CONFIRMATIONS = 3
-"""Frames in a row that must match the map after a relocalization before the pose is called Localized."""
 STEADY_COUNT = 80
 """Fewer landmarks than this fix a pose badly: what odometry follows is used as well."""
 STEADIED_SHARE = 0.7
 """Share of these landmarks that must go on agreeing with the pose then."""
-AMPLE_COUNT = 150
-"""With so many landmarks in the front view the fisheye picture is not looked at: it would add little, for its price."""
-CONTINUITY_M = 0.08
-"""Map and odometry say the same when their positions differ by less than this."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
 MAX_UNMATCHED_S = 0.15
@@ -80,78 +86,6 @@ MISFIT_MEMORY = 0.8
 """Weight of earlier frames in the running mean of the variance factor."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LocalizerState:
-    """What is remembered from frame to frame."""
-
-    last: Track
-    before_last: Track | None
-    covariance: FloatArray
-    """(6, 6): of (camera position, rotation) in the world, if the place is the right one."""
-    shared_covariance: FloatArray
-    """(6, 6): the part of it that all landmarks around share, the map's own error."""
-    matched_s: float
-    """When the map last matched."""
-    confirmations: int
-    """Frames in a row that have matched the map since the pose was found without a guess."""
-    misfit: float
-    """Running mean of the variance factor; see :func:`navcore.slam.pose_uncertainty.misfit`."""
-
-    @property
-    def is_confirmed(self) -> bool:
-        """Whether enough frames said the same since the place was found."""
-        return self.confirmations >= CONFIRMATIONS
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MapMatch:
-    """A pose at which landmarks of the map were found, and what speaks for it."""
-
-    track: Track
-    evidence: MapEvidence
-    fisheye: FisheyeMatch | None = None
-    """What the fisheye picture shows there, if that is evidence; the track is then the pose of both cameras."""
-
-    @property
-    def is_convincing(self) -> bool:
-        """Whether the front view shows it by itself, or the fisheye picture does and depth does not contradict."""
-        return self.evidence.is_convincing or (self.fisheye is not None and not self.evidence.is_contradicted)
-
-    @property
-    def is_ample(self) -> bool:
-        """Whether the front view shows so much that the fisheye picture would add nothing."""
-        return self.track.inlier_count >= AMPLE_COUNT
-
-    @property
-    def found_count(self) -> int:
-        """Landmarks of the map that agree, in both pictures."""
-        return self.track.inlier_count + (0 if self.fisheye is None else self.fisheye.found_count)
-
-    def is_plausible_after(self, followed: Track) -> bool:
-        """Whether odometry led to the same place, and nothing speaks against it."""
-        shift_m = float(np.linalg.norm(centre_of(self.track) - centre_of(followed)))
-        return self.evidence.is_plausible and shift_m < CONTINUITY_M
-
-
-class _RememberedCovisibility:
-    """The frozen map's covisibility: neighbours are looked up once per key frame."""
-
-    def __init__(self, slam_map: SlamMap) -> None:
-        self._map = slam_map
-        self._neighbours: dict[tuple[int, int], tuple[IntArray, IntArray]] = {}
-
-    def keyframes_seeing(self, landmarks: IntArray) -> tuple[IntArray, IntArray]:
-        """See :meth:`SlamMap.keyframes_seeing`."""
-        return self._map.keyframes_seeing(landmarks)
-
-    def covisible(self, index: int, min_shared: int) -> tuple[IntArray, IntArray]:
-        """See :meth:`SlamMap.covisible`."""
-        known = self._neighbours.get((index, min_shared))
-        if known is None:
-            known = self._neighbours[index, min_shared] = self._map.covisible(index, min_shared)
-        return known
-
-
 class Localizer:
     """Locates frames in a map. Frames come in order of their stamps, and may be dropped; ``reset`` forgets them."""
 
@@ -163,7 +97,7 @@ class Localizer:
         self._extractor = FeatureExtractor(intrinsics, camera, count)
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
-        self._covisibility = _RememberedCovisibility(self._map)
+        self._covisibility = RememberedCovisibility(self._map)
         self._keyframe_covariances = keyframe_covariances(slam_map)
         self._state: LocalizerState | None = None
         self._depth = DepthAid(slam_map)

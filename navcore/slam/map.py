@@ -31,6 +31,8 @@ from navcore.slam.keyframes import (
 
 BoolArray = NDArray[np.bool_]
 
+SETTLED_KEYFRAMES = 3
+"""Key frames that must see a landmark before it may decide where the camera is against others."""
 LONG_AGO = -1_000_000
 """Stands in ``first_keyframe`` of landmarks that were taken over from a finished map."""
 
@@ -303,6 +305,11 @@ class MapBuilder:
             self._landmark_alive[source_root] = False
             self._make_room(int(self._observer_count[source_root] + self._observer_count[target_root]))
             observers.hand_over(self._observers, self._observer_count, self._landmark_of, source_root, target_root)
+
+    @property
+    def landmark_settled(self) -> BoolArray:
+        """(N,): whether enough key frames see a landmark at the same place to believe that it stands still."""
+        return np.asarray(self.observation_counts() >= SETTLED_KEYFRAMES)
 
     def observation_counts(self) -> IntArray:
         """Return in how many living key frames each landmark is seen (N,). Read only."""

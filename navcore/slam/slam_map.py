@@ -91,6 +91,11 @@ class SlamMap:
     """(N,): all True; tracking asks."""
 
     @property
+    def landmark_settled(self) -> BoolArray:
+        """(N,): all True; tracking asks."""
+        return self.landmark_alive
+
+    @property
     def keyframe_count(self) -> int:
         """K."""
         return len(self.keyframe_stamp_s)

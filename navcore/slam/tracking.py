@@ -43,6 +43,11 @@ MIN_FAR_MATCHES = 8
 """Matches by descriptor alone that must agree on one motion."""
 MIN_FRAME_MATCHES = 20
 """Fewer matches than this with the last frame mean that it was not followed."""
+MIN_SETTLED = 30
+"""So many settled landmarks decide the pose alone."""
+AGREEING_CHI2 = 16.0
+"""A point farther than this from where the settled ones put it moves, or is wrong: two bounds of an inlier, since the
+pose that the few give is not exact."""
 LOCAL_KEYFRAMES = 60
 """Key frames whose landmarks make the local map, at most."""
 NEIGHBOURS = 10
@@ -78,6 +83,8 @@ class MapView(Covisibility, Protocol):
     def landmark_of(self) -> IntArray: ...
     @property
     def landmark_alive(self) -> BoolArray: ...
+    @property
+    def landmark_settled(self) -> BoolArray: ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -175,11 +182,18 @@ def refined(
     landmarks: IntArray,
     camera: SlamCamera,
     factor: PoseFactor | None = None,
+    settled: BoolArray | None = None,
 ) -> FrameMatch:
     """Refine a pose from matched features (m,) with world points (m, 3); ``landmarks`` (m,) may hold NO_LANDMARK.
 
-    ``factor`` is what is known of the pose besides.
+    ``factor`` is what is known of the pose besides. Where enough points are ``settled`` (m,), they alone decide where
+    the camera is, and of the others those help that agree: a key frame makes landmarks on a passer-by as well, and they
+    are near, many, and of one mind.
     """
+    if settled is not None and not settled.all() and np.count_nonzero(settled) >= MIN_SETTLED:
+        guess = _refined_pose(guess, features, feature_index[settled], points[settled], camera, factor)
+        helping = settled | agrees(guess, points, features, feature_index, camera)
+        feature_index, points, landmarks = feature_index[helping], points[helping], landmarks[helping]
     camera_from_world, inlier, information = pose.refine_pose(
         guess,
         points,
@@ -198,6 +212,39 @@ def refined(
     carried[feature_index[inlier]] = points[inlier]
     track = Track(stamp_s, features, camera_from_world, landmark_of, information, carried)
     return FrameMatch(track, int(np.count_nonzero(inlier)), track.inlier_count)
+
+
+def _refined_pose(
+    guess: FloatArray,
+    features: Features,
+    feature_index: IntArray,
+    points: FloatArray,
+    camera: SlamCamera,
+    factor: PoseFactor | None,
+) -> FloatArray:
+    found, _, _ = pose.refine_pose(
+        guess,
+        points,
+        features.uvr_px[feature_index],
+        features.inv_sigma2[feature_index],
+        camera.fx_px,
+        camera.fy_px,
+        camera.cx_px,
+        camera.cy_px,
+        camera.bf_px_m,
+        factor,
+    )
+    return found
+
+
+def agrees(
+    camera_from_world: FloatArray, points: FloatArray, features: Features, feature_index: IntArray, camera: SlamCamera
+) -> BoolArray:
+    """Return whether each point (m, 3) is seen near where a pose (4, 4) puts it, also in depth."""
+    expected = project_points(camera_from_world, points, camera)
+    error = (features.uvr_px[feature_index] - expected) ** 2
+    chi2 = (error[:, 0] + error[:, 1] + np.nan_to_num(error[:, 2])) * features.inv_sigma2[feature_index]
+    return np.asarray(chi2 < AGREEING_CHI2)
 
 
 def track_last_frame(
@@ -263,7 +310,11 @@ def _from_matches(
     for chosen in (known, from_last):
         if len(chosen) < MIN_FRAME_MATCHES:
             continue
-        found = refined(stamp_s, features, guess, match[chosen], points[chosen], last.landmark_of[chosen], view.camera)
+        landmarks = last.landmark_of[chosen]
+        settled = (landmarks >= 0) & view.landmark_settled[landmarks]
+        found = refined(
+            stamp_s, features, guess, match[chosen], points[chosen], landmarks, view.camera, settled=settled
+        )
         if found.matched_count >= max(MIN_FRAME_MATCHES // 2, len(chosen) // 5):
             return found
     return None
@@ -383,6 +434,7 @@ def extend_by_map(
         landmarks,
         view.camera,
         factor,
+        view.landmark_settled[landmarks],
     )
     return found, np.concatenate([wanted, track.landmarks])
 

@@ -109,6 +109,8 @@ class Site:
             given: NDArray[Any] = getattr(self, name)
             if not len(given):
                 object.__setattr__(self, name, np.ones(count, given.dtype))
+            elif len(given) != count:
+                raise SiteError(f"The cloud has {count} points, but {len(given)} {name}: give one for each point.")
         if not self.road_sessions:
             object.__setattr__(self, "road_sessions", (0,) * len(self.roads_m))
 

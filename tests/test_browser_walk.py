@@ -50,7 +50,12 @@ def site(office_site: Path, tmp_path: Path) -> Path:
     whole = load_site(office_site)
     step = max(1, len(whole.cloud_points_m) // MAX_POINTS)
     thin = replace(
-        whole, cloud_points_m=whole.cloud_points_m[::step], cloud_colours_rgb=whole.cloud_colours_rgb[::step]
+        whole,
+        cloud_points_m=whole.cloud_points_m[::step],
+        cloud_colours_rgb=whole.cloud_colours_rgb[::step],
+        cloud_weights=whole.cloud_weights[::step],
+        cloud_view_counts=whole.cloud_view_counts[::step],
+        cloud_sessions=whole.cloud_sessions[::step],
     )
     for name in ("console-site", "device-site"):
         save_site(thin, tmp_path / name)

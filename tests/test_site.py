@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -148,3 +149,8 @@ def test_a_damaged_poi_graph_is_refused(small_site: Site, tmp_path: Path) -> Non
     with pytest.raises(SiteError, match="damaged"):
         load_poi_graph(tmp_path / "site")
     assert msgspec.json.encode(small_site.poi_graph)
+
+
+def test_a_cloud_whose_columns_differ_in_length_is_refused_before_it_is_written(small_site: Site) -> None:
+    with pytest.raises(SiteError, match="49 cloud_sessions: give one for each point"):
+        replace(small_site, cloud_sessions=small_site.cloud_sessions[1:])

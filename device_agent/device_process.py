@@ -85,6 +85,9 @@ def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: Exi
     except OSError as error:
         raise VbrError(f"{options.state} cannot be written ({error.strerror}): name another with --state.") from error
     stack.callback(journal.close)
+    if journal.damaged is not None:
+        text = f"The event journal was damaged and is kept as {journal.damaged.name}: events in it may be untold."
+        journal.append(clock.now_s(), "link", text)
     settings = LinkSettings(options.console_url, options.token, staging_folder(options.site), options.tls)
     link = ConsoleLink(settings, journal, clock)
     stack.callback(link.stop)

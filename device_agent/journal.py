@@ -7,6 +7,7 @@ for a disk. Sequence numbers grow by one with each event, over restarts too.
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import queue
 import sqlite3
@@ -38,18 +39,20 @@ class EventJournal:
     """Takes events from any thread; gives those that are not confirmed yet, in order."""
 
     def __init__(self, path: Path, on_stored: Callable[[], None] = lambda: None) -> None:
-        """Open or make the journal. Raises InputError where the file is no journal, or cannot be written."""
+        """Open or make the journal; a damaged one is put aside, for nobody is to wait at home for a repair.
+
+        Raises InputError where the file cannot be written.
+        """
         self.on_stored = on_stored
         """Called, in the journal's thread, when new events are safe on disk."""
+        self.damaged: Path | None
+        """Where a damaged journal was put on opening; None where it was sound."""
         self._lock = threading.Lock()
         self._work: queue.Queue[_Work] = queue.Queue(MAX_EVENTS_IN_MEMORY)
         self._missed = 0
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            self._base = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
-            self._base.execute("PRAGMA journal_mode=WAL")
-            self._base.execute("PRAGMA synchronous=FULL")
-            self._base.executescript(_SCHEMA)
+            self._base, self.damaged = _opened(path)
         except (OSError, sqlite3.Error) as error:
             raise InputError(
                 f"The event journal {path} cannot be used ({error}): free the disk, or move the file away."
@@ -158,6 +161,40 @@ class EventJournal:
             if self._base.in_transaction:
                 self._base.execute("ROLLBACK")
             raise
+
+
+def _opened(path: Path) -> tuple[sqlite3.Connection, Path | None]:
+    """Return the journal's file, and where a damaged one was put. Raises OSError, sqlite3.Error."""
+    try:
+        return _connected(path), None
+    except sqlite3.OperationalError:
+        # Locked, or a disk that is full or cannot be written: nothing is wrong with the file.
+        raise
+    except sqlite3.DatabaseError:
+        aside = next(free for count in itertools.count(1) if not (free := _damaged(path, count)).exists())
+        for part in ("", "-wal", "-shm"):
+            with contextlib.suppress(FileNotFoundError):
+                path.with_name(path.name + part).replace(aside.with_name(aside.name + part))
+        return _connected(path), aside
+
+
+def _damaged(path: Path, count: int) -> Path:
+    return path.with_name(f"{path.name}.damaged-{count}")
+
+
+def _connected(path: Path) -> sqlite3.Connection:
+    base = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
+    try:
+        base.execute("PRAGMA journal_mode=WAL")
+        base.execute("PRAGMA synchronous=FULL")
+        (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
+        if verdict != "ok":
+            raise sqlite3.DatabaseError(verdict)
+        base.executescript(_SCHEMA)
+    except sqlite3.Error:
+        base.close()
+        raise
+    return base
 
 
 def _storable(text: str) -> str:

@@ -233,6 +233,31 @@ def test_the_journal_numbers_on_after_a_console_that_knows_more(tmp_path: Path) 
     journal.close()
 
 
+@pytest.mark.parametrize("damage", [b"not a database" * 100, b""], ids=["another file", "pages overwritten"])
+def test_a_damaged_journal_is_put_aside_and_the_device_starts_all_the_same(tmp_path: Path, damage: bytes) -> None:
+    path = tmp_path / "events.sqlite"
+    before = EventJournal(path)
+    assert before.damaged is None
+    for index in range(400):
+        before.append(float(index), "cue", f"cue {index} " + "x" * 100)
+    before.close()
+    sound = path.read_bytes()
+    path.write_bytes(damage or sound[:100] + bytes(255 - byte for byte in sound[100:]))
+    broken = path.read_bytes()
+    after = EventJournal(path)
+    assert after.damaged is not None
+    assert after.damaged.read_bytes() == broken
+    after.append(1.0, "cue", "goes on")
+    after.flush()
+    assert [event.text for event in after.pending(0)] == ["goes on"]
+    after.close()
+    path.write_bytes(b"broken again" * 100)
+    again = EventJournal(path)
+    again.close()
+    assert again.damaged not in (None, after.damaged)
+    assert after.damaged.read_bytes() == broken
+
+
 class _Packages(http.server.BaseHTTPRequestHandler):
     package = b""
 

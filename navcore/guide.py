@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_to
 from navcore.follower.direction import (
+    between_candidates,
     expected_direction,
     needs_correction,
     optimal_direction,
@@ -27,6 +28,7 @@ from navcore.follower.direction import (
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
 from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
+from navcore.follower.road_centred import expected_from, select_aim, walking_speed_m_s
 from navcore.follower.sub_goal import closest_point, distance_to, has_arrived, select_sub_goal
 from navcore.settings import Settings
 from navcore.types import (
@@ -140,8 +142,12 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     last_index = None if before is None else before.trace.closest_index
     last_goal = None if before is None else before.trace.sub_goal
     closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
-    goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
-    expected = expected_direction(goal, pose)
+    if follower.policy == "road_centred":
+        goal = select_aim(route, closest_index, trace.speed_m_s, last_goal, follower)
+        expected = expected_from(goal, closest_index, pose, trace.speed_m_s, follower)
+    else:
+        goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
+        expected = expected_direction(goal, pose)
     trace = replace(
         trace, heading=pose.heading, expected=expected, sub_goal=goal, closest_index=closest_index,
         deviation_m=deviation_m, remaining_m=route.length_m - float(route.arc_length_m[closest_index]),
@@ -208,7 +214,10 @@ def _optimal(
     if best is None and narrow_m < required_m:
         best = widest_direction(walkable(cycle.scan.candidates, narrow_m), expected, heading)
         return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
-    corrects = needs_correction(deviation_m, relative_to(expected, heading), settings.follower)
+    error = relative_to(expected, heading)
+    if best is not None and settings.follower.policy == "road_centred":
+        best = between_candidates(best, error, math.radians(settings.obstacle.candidate_step_deg))
+    corrects = needs_correction(deviation_m, error, settings.follower)
     return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
 
 
@@ -318,6 +327,11 @@ def _is_finite(pose: Pose2D) -> bool:
     return math.isfinite(pose.x_m) and math.isfinite(pose.y_m) and math.isfinite(pose.heading)
 
 
+def _speed_m_s(cycle: _Cycle, pose: Pose2D) -> float:
+    before = cycle.previous
+    return 0.0 if before is None else walking_speed_m_s(before.trace, cycle.stamp_s - before.stamp_s, pose)
+
+
 def _is_off_road(trace: DecisionTrace, settings: Settings) -> bool:
     return trace.deviation_m is not None and trace.deviation_m > settings.follower.off_road_distance_m
 
@@ -339,6 +353,8 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     sure = localization.quality is LocalizationQuality.LOCALIZED
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
+        position=None if pose is None else (pose.x_m, pose.y_m),
+        speed_m_s=0.0 if pose is None else _speed_m_s(cycle, pose),
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
         sonar_state=cycle.sonar.state,

@@ -96,8 +96,8 @@ class ObstacleSettings(_Group):
 class FollowerSettings(_Group):
     """Route following."""
 
-    policy: Literal["paper"] = _setting("paper", source="IV-C")
-    """The guidance policy."""
+    policy: Literal["paper", "road_centred"] = _setting("paper", source="IV-C")
+    """The guidance policy: the paper's equations, or the middle of the road."""
     sub_goal_distance_m: float = _setting(3.0, 0.5, 10.0, step=0.1, source="Eq. 2: d = 3 m")
     """d: the sub-goal lies this far from the closest point."""
     turning_angle_deg: float = _setting(30.0, 10.0, 90.0, step=5.0, source="Eq. 2: θ = π/6")
@@ -116,6 +116,16 @@ class FollowerSettings(_Group):
     """A turn on the spot ends when the expected direction is nearer to straight ahead than this."""
     closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="Eq. 1")
     """How far along the route, from the last one, the closest point is looked for."""
+    reaction_s: float = _setting(0.6, 0.2, 1.5, step=0.1, source="reaction time 0.3–0.9 s")
+    """Road-centred: time from an instruction to the walker's movement."""
+    lead_s: float = _setting(0.8, 0.2, 3.0, step=0.1, source="closed-loop trials")
+    """Road-centred: the walker is led to where they will be so long after they have reacted."""
+    min_look_ahead_m: float = _setting(1.0, 0.5, 3.0, step=0.1, source="closed-loop trials")
+    """Road-centred: but never to a point nearer than this."""
+    corner_angle_deg: float = _setting(50.0, 30.0, 90.0, step=5.0, source="closed-loop trials")
+    """Road-centred: a bend sharper than this is turned at on the spot."""
+    corner_reached_m: float = _setting(0.3, 0.1, 1.0, step=0.05, source="closed-loop trials")
+    """Road-centred: a corner nearer than this is reached, however slow the walker."""
 
 
 class GateSettings(_Group):

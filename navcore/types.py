@@ -355,6 +355,10 @@ class DecisionTrace:
 
     heading: WorldAngle | None = None
     """θ_c."""
+    position: tuple[float, float] | None = None
+    """Where the walker was, metres; None where nothing is known."""
+    speed_m_s: float = 0.0
+    """How fast the walker has been walking lately."""
     expected: WorldAngle | None = None
     """θ_exp (Eq. 3)."""
     sub_goal: SubGoal | None = None

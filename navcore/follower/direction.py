@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
+from dataclasses import replace
 
 from navcore.angles import RelativeAngle, WorldAngle, relative_to, world_angle, wrap_rad
 from navcore.settings import FollowerSettings, ObstacleSettings
@@ -43,7 +44,12 @@ def walkable(candidates: Iterable[CandidateDirection], required_m: float) -> tup
 
 
 def needs_correction(deviation_m: float, error: RelativeAngle, settings: FollowerSettings) -> bool:
-    """Return whether Eq. 4 leads back to the route: off it by more than 1.0 m, or heading off by π/6 or more."""
+    """Return whether Eq. 4 leads back to the route: off it by more than 1.0 m, or heading off by π/6 or more.
+
+    The policy ``road_centred`` always does.
+    """
+    if settings.policy == "road_centred":
+        return True
     return deviation_m > settings.off_road_distance_m or abs(error) >= math.radians(settings.heading_error_deg)
 
 
@@ -76,6 +82,11 @@ def optimal_direction(
         return off, off_expected, -candidate.clearance_m
 
     return min(candidates, key=cost)
+
+
+def between_candidates(best: CandidateDirection, error: RelativeAngle, step_rad: float) -> CandidateDirection:
+    """Return the expected direction itself where the best candidate is the sample next to it."""
+    return replace(best, angle=error) if abs(wrap_rad(error - best.angle)) <= step_rad / 2.0 else best
 
 
 def widest_direction(

@@ -17,9 +17,9 @@ import math
 from dataclasses import dataclass, replace
 
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_to
+from navcore.follower.aim import Aim, aim
 from navcore.follower.direction import (
     between_candidates,
-    expected_direction,
     needs_correction,
     optimal_direction,
     required_clearance_m,
@@ -28,8 +28,8 @@ from navcore.follower.direction import (
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
 from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
-from navcore.follower.road_centred import expected_from, select_aim, walking_speed_m_s
-from navcore.follower.sub_goal import closest_point, distance_to, has_arrived, select_sub_goal
+from navcore.follower.road_centred import walking_speed_m_s
+from navcore.follower.sub_goal import has_arrived
 from navcore.settings import Settings
 from navcore.types import (
     Action,
@@ -44,7 +44,6 @@ from navcore.types import (
     Reason,
     Route,
     SonarReading,
-    SubGoal,
 )
 
 _LEFT_SLOWLY = frozenset(
@@ -139,22 +138,14 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     follower, before = cycle.settings.follower, cycle.previous
     if before is not None and before.reason is Reason.ARRIVED:
         return cycle.stop(Reason.ARRIVED, replace(trace, sub_goal=before.trace.sub_goal), "arrived before")
-    last_index = None if before is None else before.trace.closest_index
-    last_goal = None if before is None else before.trace.sub_goal
-    closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
-    if follower.policy == "road_centred":
-        goal = select_aim(route, closest_index, trace.speed_m_s, last_goal, follower)
-        expected = expected_from(goal, closest_index, pose, trace.speed_m_s, follower)
-    else:
-        goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
-        expected = expected_direction(goal, pose)
+    there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, cycle.settings)
     trace = replace(
-        trace, heading=pose.heading, expected=expected, sub_goal=goal, closest_index=closest_index,
-        deviation_m=deviation_m, remaining_m=route.length_m - float(route.arc_length_m[closest_index]),
+        trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
+        deviation_m=there.deviation_m, remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
     )  # fmt: skip
-    if has_arrived(goal, pose, follower):
+    if has_arrived(there.goal, pose, follower):
         return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")
-    error = relative_to(expected, pose.heading)
+    error = relative_to(there.expected, pose.heading)
     look = None if before is None else before.trace.look_target
     if look is not None and abs(relative_to(look, pose.heading)) > math.radians(follower.turn_settled_deg / 2):
         return cycle.turn(
@@ -162,18 +153,16 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
         )
     if _must_turn(cycle, error):
         return cycle.turn(error, trace, "the expected direction is far to the side: turn on the spot")
-    return _choose(cycle, pose, goal, expected, deviation_m, trace)
+    return _choose(cycle, pose, there, trace)
 
 
-def _choose(
-    cycle: _Cycle, pose: Pose2D, goal: SubGoal, expected: WorldAngle, deviation_m: float, trace: DecisionTrace
-) -> Guidance:
+def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Guidance:
     """Depth checks, Eq. 4, Eq. 5."""
     settings, scan = cycle.settings, cycle.scan
     if not scan.valid_fraction >= settings.obstacle.min_valid_fraction:
         return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
-    error = relative_to(expected, pose.heading)
-    best, required_m, rule = _optimal(cycle, pose, goal, expected, deviation_m)
+    error = relative_to(there.expected, pose.heading)
+    best, required_m, rule = _optimal(cycle, pose.heading, there)
     narrows = _was_wide(cycle) and best is not None and required_m == _narrow_m(cycle)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     stop_m = settings.obstacle.stop_distance_m
@@ -187,7 +176,7 @@ def _choose(
         return _before_obstacle(
             cycle, error, trace, reason, f"D is empty: nothing is free for {trace.required_m:.1f} m"
         )
-    gate_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.gate.clearance_m)
+    gate_m = required_clearance_m(there.reach_m, settings.obstacle, settings.gate.clearance_m)
     gate_m = min(gate_m, max(required_m, stop_m))
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
     if direction is None:
@@ -195,29 +184,26 @@ def _choose(
     return _leave_stop(cycle, direction, trace, rule)
 
 
-def _optimal(
-    cycle: _Cycle, pose: Pose2D, goal: SubGoal, expected: WorldAngle, deviation_m: float
-) -> tuple[CandidateDirection | None, float, str]:
+def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateDirection | None, float, str]:
     """Return θ_opt, the clearance that was asked for, and the rule.
 
     Where nothing is free for δ, the paper stops. So does this, with a turn on the spot to where most is free; somebody
     who stands may then begin again with less than δ: in a corridor as wide as two people there is no direction round
     an obstacle that is free for 2 m.
     """
-    settings, heading = cycle.settings, pose.heading
-    required_m = required_clearance_m(distance_to(goal, pose), settings.obstacle, settings.obstacle.clearance_m)
+    settings, error = cycle.settings, relative_to(there.expected, heading)
+    required_m = required_clearance_m(there.reach_m, settings.obstacle, settings.obstacle.clearance_m)
     candidates = walkable(cycle.scan.candidates, required_m)
     best = optimal_direction(
-        candidates, expected, heading, deviation_m, settings.follower, _last_direction(cycle, heading)
+        candidates, there.expected, heading, there.deviation_m, settings.follower, _last_direction(cycle, heading)
     )
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
-        best = widest_direction(walkable(cycle.scan.candidates, narrow_m), expected, heading)
+        best = widest_direction(walkable(cycle.scan.candidates, narrow_m), there.expected, heading)
         return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
-    error = relative_to(expected, heading)
     if best is not None and settings.follower.policy == "road_centred":
         best = between_candidates(best, error, math.radians(settings.obstacle.candidate_step_deg))
-    corrects = needs_correction(deviation_m, error, settings.follower)
+    corrects = needs_correction(there.deviation_m, error, settings.follower)
     return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
 
 

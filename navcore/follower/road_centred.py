@@ -12,7 +12,7 @@ distance that this walker needs to hear it and to come to a stand. Pure function
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -92,48 +92,71 @@ def select_aim(
     A corner (case 2) holds the walker on the road before it, until they are as near as they need to come to a stand;
     from then on the road behind it counts. The paper's cases 1 and 3 are a point on the way, and the destination.
     """
-    passed = 0 if previous is None else previous.passed_index
     arcs = route.arc_length_m
-    ahead_m = look_ahead_m(speed_m_s, settings)
-    needed_m = stopping_distance_m(speed_m_s, settings)
-    begin = max(closest_index, passed)
     at_m = float(arcs[closest_index])
-    while True:
-        corner = next_corner(route, begin, at_m + max(ahead_m, needed_m) + _ARM_M, settings)
-        if corner is None or float(arcs[corner.route_index]) - at_m > max(needed_m, settings.corner_reached_m):
-            break
+    ahead_m, needed_m = look_ahead_m(speed_m_s, settings), stopping_distance_m(speed_m_s, settings)
+    passed = 0 if previous is None else previous.passed_index
+    until_m = at_m + max(ahead_m, needed_m) + _ARM_M
+    corner = next_corner(route, _behind(route, passed, closest_index), until_m, settings)
+    while corner is not None and _arc(route, corner) - at_m <= max(needed_m, settings.corner_reached_m):
         passed = corner.route_index
-        # The rounded corner's other half is not another corner.
-        begin = int(np.searchsorted(arcs, float(arcs[passed]) + 2.0 * _ARM_M))
-    start_m = max(at_m, float(arcs[passed]) if passed > closest_index else at_m)
-    if corner is not None and float(arcs[corner.route_index]) < start_m + ahead_m:
-        return _before_corner(route, corner, ahead_m, passed)
-    index = int(np.searchsorted(arcs, start_m + ahead_m))
-    case = SubGoalCase.STRAIGHT if index < len(arcs) - 1 else SubGoalCase.DESTINATION
-    index = min(index, len(arcs) - 1)
-    return SubGoal(float(route.points_m[index, 0]), float(route.points_m[index, 1]), case, index, passed)
+        corner = next_corner(route, _behind(route, passed, closest_index), until_m, settings)
+    start_m = max(at_m, float(arcs[passed]))
+    if corner is not None and _arc(route, corner) < start_m + ahead_m:
+        return _goal(route, corner.route_index, SubGoalCase.TURNING_POINT, passed)
+    last = len(arcs) - 1
+    index = min(int(np.searchsorted(arcs, start_m + ahead_m)), last)
+    return _goal(route, index, SubGoalCase.DESTINATION if index == last else SubGoalCase.STRAIGHT, passed)
 
 
-def expected_from(
-    goal: SubGoal, closest_index: int, pose: Pose2D, speed_m_s: float, settings: FollowerSettings
+def expected_to(
+    route: Route, goal: SubGoal, closest_index: int, pose: Pose2D, speed_m_s: float, settings: FollowerSettings
 ) -> WorldAngle:
-    """Return θ_exp; at a corner, as it will be where the walker comes to a stand."""
-    if goal.passed_index > closest_index:
+    """Return θ_exp, the direction in which to walk now.
+
+    Before a corner it leads on as if the road went straight there: who is near to it would be turned by every sway.
+    Behind one, it is the direction that will hold where the walker comes to a stand.
+    """
+    if goal.case is SubGoalCase.TURNING_POINT:
+        goal = _straight_on(route, goal, look_ahead_m(speed_m_s, settings))
+    elif goal.passed_index > closest_index:
         on_m = stopping_distance_m(speed_m_s, settings)
-        pose = Pose2D(
-            pose.x_m + on_m * math.cos(pose.heading), pose.y_m + on_m * math.sin(pose.heading), pose.heading
-        )  # fmt: skip
+        c, s = math.cos(pose.heading), math.sin(pose.heading)
+        pose = Pose2D(pose.x_m + on_m * c, pose.y_m + on_m * s, pose.heading)
     return expected_direction(goal, pose)
 
 
-def _before_corner(route: Route, corner: Corner, ahead_m: float, passed: int) -> SubGoal:
-    """Aim at the corner as if the road went straight on there: who is near to it would be turned by every sway."""
-    apex = route.points_m[corner.route_index]
-    before = route.points_m[int(np.searchsorted(route.arc_length_m, _arc(route, corner) - 2.0 * _ARM_M))]
-    along = apex - before
-    length_m = math.hypot(along[0], along[1])
-    onward = apex + (along / length_m * ahead_m if length_m > 0.0 else 0.0)
-    return SubGoal(float(onward[0]), float(onward[1]), SubGoalCase.TURNING_POINT, corner.route_index, passed)
+def reach_m(route: Route, closest_index: int, pose: Pose2D, direction: WorldAngle, half_width_m: float) -> float:
+    """Return how far the road ahead follows a direction; it need not be free farther than that."""
+    points = route.points_m[closest_index:]
+    offsets = points - (pose.x_m, pose.y_m)
+    c, s = math.cos(direction), math.sin(direction)
+    along, aside = offsets @ (c, s), np.abs(offsets @ (-s, c))
+    # Somebody beside the road is led to it first.
+    joined = int(np.argmax(aside <= half_width_m)) if bool((aside <= half_width_m).any()) else len(points) - 1
+    left = np.flatnonzero(aside[joined:] > half_width_m)
+    end = joined + int(left[0]) - 1 if len(left) else len(points) - 1
+    return max(0.0, float(along[max(end, joined)]))
+
+
+def _behind(route: Route, passed: int, closest_index: int) -> int:
+    """Return where to look for the next corner: the rounded other half of one that was passed is no other one."""
+    if passed == 0:
+        return closest_index
+    arcs = route.arc_length_m
+    return max(closest_index, int(np.searchsorted(arcs, float(arcs[passed]) + 2.0 * _ARM_M)))
+
+
+def _straight_on(route: Route, corner: SubGoal, ahead_m: float) -> SubGoal:
+    arcs = route.arc_length_m
+    before = route.points_m[int(np.searchsorted(arcs, float(arcs[corner.route_index]) - 2.0 * _ARM_M))]
+    along_x, along_y = corner.x_m - float(before[0]), corner.y_m - float(before[1])
+    factor = ahead_m / max(math.hypot(along_x, along_y), 1e-9)
+    return replace(corner, x_m=corner.x_m + factor * along_x, y_m=corner.y_m + factor * along_y)
+
+
+def _goal(route: Route, index: int, case: SubGoalCase, passed_index: int) -> SubGoal:
+    return SubGoal(float(route.points_m[index, 0]), float(route.points_m[index, 1]), case, index, passed_index)
 
 
 def _arc(route: Route, corner: Corner) -> float:

@@ -122,7 +122,7 @@ class FollowerSettings(_Group):
     """Road-centred: the walker is led to where they will be so long after they have reacted."""
     min_look_ahead_m: float = _setting(1.0, 0.5, 3.0, step=0.1, source="closed-loop trials")
     """Road-centred: but never to a point nearer than this."""
-    corner_angle_deg: float = _setting(50.0, 30.0, 90.0, step=5.0, source="closed-loop trials")
+    corner_angle_deg: float = _setting(45.0, 30.0, 90.0, step=5.0, source="closed-loop trials")
     """Road-centred: a bend sharper than this is turned at on the spot."""
     corner_reached_m: float = _setting(0.3, 0.1, 1.0, step=0.05, source="closed-loop trials")
     """Road-centred: a corner nearer than this is reached, however slow the walker."""

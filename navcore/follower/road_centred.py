@@ -24,7 +24,7 @@ from navcore.types import DecisionTrace, Pose2D, Route, SubGoal, SubGoalCase
 
 BRAKING_M_S2 = 1.2
 """How people who walk come to a stand (K. Hase, R. Stein, J. Neurophysiology 80, 1998)."""
-_ARM_M = 0.6
+_ARM_M = 1.0
 """A corner is a bend between the directions of the road so far before and behind it: recorded corners are rounded."""
 _SPEED_MEMORY_S = 0.5
 _FASTEST_M_S = 2.0
@@ -144,12 +144,12 @@ def _behind(route: Route, passed: int, closest_index: int) -> int:
     if passed == 0:
         return closest_index
     arcs = route.arc_length_m
-    return max(closest_index, int(np.searchsorted(arcs, float(arcs[passed]) + 2.0 * _ARM_M)))
+    return max(closest_index, int(np.searchsorted(arcs, float(arcs[passed]) + _ARM_M)))
 
 
 def _straight_on(route: Route, corner: SubGoal, ahead_m: float) -> SubGoal:
     arcs = route.arc_length_m
-    before = route.points_m[int(np.searchsorted(arcs, float(arcs[corner.route_index]) - 2.0 * _ARM_M))]
+    before = route.points_m[int(np.searchsorted(arcs, float(arcs[corner.route_index]) - _ARM_M))]
     along_x, along_y = corner.x_m - float(before[0]), corner.y_m - float(before[1])
     factor = ahead_m / max(math.hypot(along_x, along_y), 1e-9)
     return replace(corner, x_m=corner.x_m + factor * along_x, y_m=corner.y_m + factor * along_y)

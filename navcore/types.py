@@ -221,6 +221,19 @@ class RouteStop:
     """Not announced on the way: a junction to which nobody gave a spoken name means nothing to the walker."""
 
 
+@dataclass(frozen=True, slots=True)
+class RoutePiece:
+    """The part of a route that lies on one edge of the PoI-graph."""
+
+    edge_id: str
+    start_m: float
+    """Arc length along the route at which it begins."""
+    end_m: float
+    edge_start_m: float
+    """Arc length along the edge, counted from its PoI a, at which it begins; more than ``edge_end_m`` from b to a."""
+    edge_end_m: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
     """The paper's W: a globally shortest path, as evenly spaced points of the virtual blind road."""
@@ -231,11 +244,22 @@ class Route:
     """Arc length (n,) of each point from the first."""
     stops: tuple[RouteStop, ...] = ()
     """PoIs in the order in which the route passes them; the last is the destination."""
+    pieces: tuple[RoutePiece, ...] = ()
+    """The edges of the PoI-graph that it runs along, in order; they join without a gap."""
 
     @property
     def length_m(self) -> float:
         """Length of the whole route."""
         return float(self.arc_length_m[-1])
+
+    def on_edge(self, distance_m: float) -> tuple[str, float] | None:
+        """Return the edge at an arc length along the route, and the arc length along that edge; None if unknown."""
+        for piece in self.pieces:
+            if distance_m <= piece.end_m or piece is self.pieces[-1]:
+                share = (distance_m - piece.start_m) / max(piece.end_m - piece.start_m, 1e-9)
+                span_m = piece.edge_end_m - piece.edge_start_m
+                return piece.edge_id, piece.edge_start_m + min(max(share, 0.0), 1.0) * span_m
+        return None
 
 
 # --------------------------------------------------------------------------------------------------- obstacles

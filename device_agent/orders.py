@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+import msgspec
+
 from device_agent.state import (
+    BlockedPlace,
     DeviceState,
     Effect,
     Happened,
@@ -16,6 +20,7 @@ from device_agent.state import (
     StoreSettings,
     SwapMap,
 )
+from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
@@ -34,6 +39,7 @@ from navcore.wire import (
 )
 
 Order = ConsoleMessage | PreparedMap
+_JUST_AHEAD_M = 0.3
 
 
 def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
@@ -69,12 +75,12 @@ def at_rest(state: DeviceState) -> Step:
         # The route and all that is remembered belong to the old map's frame of reference.
         state = replace(
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
-            graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None,
+            graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
     if state.waiting_graph is not None:
         graph = state.waiting_graph
-        state = replace(state, waiting_graph=None, graph=graph)
+        state = replace(state, waiting_graph=None, graph=graph, blocked=())
         effects += [StoreGraph(graph), GraphRunning(graph.version)]
     return state, tuple(effects)
 
@@ -146,7 +152,40 @@ def _publish(state: DeviceState, graph: PoiGraph) -> Step:
     refusal = _unsound(graph)
     if refusal:
         return state, (GraphRunning(state.graph.version, refusal),)
-    return replace(state, waiting_graph=graph), ()
+    state = replace(state, waiting_graph=graph)
+    return _closed_under_way(state, graph) if state.leading else (state, ())
+
+
+def _closed_under_way(state: DeviceState, published: PoiGraph) -> Step:
+    """An edge that was closed is not walked any more, though all else of a new graph waits until nobody is led.
+
+    Whoever is on that edge goes back: nobody knows where on it the closure is.
+    """
+    known = state.graph.edges
+    newly = {key for key, edge in published.edges.items() if edge.closed and key in known and not known[key].closed}
+    if not newly:
+        return state, ()
+    edges = {key: msgspec.structs.replace(edge, closed=edge.closed or key in newly) for key, edge in known.items()}
+    state = replace(state, graph=msgspec.structs.replace(state.graph, edges=edges))
+    here, route = state.place_ahead(0.0), state.route
+    if route is None or not newly & _edges_ahead(state):
+        return state, ()
+    ahead = state.place_ahead(_JUST_AHEAD_M)
+    if here is not None and ahead is not None and here.edge_id in newly and ahead.edge_id == here.edge_id:
+        state = replace(state, blocked=(*state.blocked, BlockedPlace(-math.inf, ahead, until_rest=True)))
+    text = TEXTS[state.settings.cues.language]["way_closed"]
+    happened = Happened("mode", "An edge of the way was closed: another way is looked for.")
+    return replace(state, wanted_id=state.wanted_id or state.destination_id), (Notice(text), happened)
+
+
+def _edges_ahead(state: DeviceState) -> set[str]:
+    """Return the edges of the route that the walker is on or comes to."""
+    route, guidance = state.route, state.guidance
+    if route is None:
+        return set()
+    index = guidance.trace.closest_index if guidance is not None else None
+    done_m = 0.0 if index is None or state.place_ahead(0.0) is None else float(route.arc_length_m[index])
+    return {piece.edge_id for piece in route.pieces if piece.end_m > done_m}
 
 
 def _unsound(graph: PoiGraph) -> str:

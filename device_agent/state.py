@@ -9,6 +9,7 @@ from typing import Literal
 
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
 from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.way_finding import Blockage, WayFinder
 from navcore.settings import Settings
 from navcore.site import Site
 from navcore.types import Guidance, Route
@@ -26,6 +27,16 @@ class PreparedMap:
     checksum: str
     site: Site
     localizer: LocalizerPort
+
+
+@dataclass(frozen=True, slots=True)
+class BlockedPlace:
+    """A place of the road at which something stood in the way."""
+
+    since_s: float
+    place: Blockage
+    until_rest: bool = False
+    """It was closed by a person: it is not forgotten before the next graph is taken."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +67,12 @@ class DeviceState:
     guidance: Guidance | None = None
     """The previous guidance: the only memory of route following."""
     off_route_since_s: float | None = None
+    blocked: tuple[BlockedPlace, ...] = ()
+    """Places where something stood in the way, newest last."""
+    told_blocked_s: float | None = None
+    """When the walker was told that the way is blocked and that there is no other; None once they walk again."""
+    way_finder: WayFinder | None = None
+    """Made for the graph when it is first planned in; another graph needs another one."""
     blind: bool = False
     """The camera gave nothing in the last cycle."""
     failed_s: float = -math.inf
@@ -71,6 +88,14 @@ class DeviceState:
     def leading(self) -> bool:
         """Somebody is being led, even if they stand just now."""
         return self.mode in ("guiding", "paused")
+
+    def place_ahead(self, ahead_m: float) -> Blockage | None:
+        """Return the place of the road so far ahead on the walker's route, or the route's end; None if unknown."""
+        if self.route is None or self.guidance is None or self.guidance.route_version != self.route_version:
+            return None
+        index = self.guidance.trace.closest_index
+        on_edge = None if index is None else self.route.on_edge(float(self.route.arc_length_m[index]) + ahead_m)
+        return None if on_edge is None else Blockage(*on_edge)
 
     def place_name(self, poi_id: str | None) -> str:
         """Return what a PoI is called."""

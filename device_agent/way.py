@@ -1,51 +1,56 @@
-"""Planning within the loop: a new destination, or a walker who has left the road for good. Pure."""
+"""Planning within the loop: a new destination, a way that is blocked, or a walker who has left the road. Pure.
+
+What is planned anew, and when: ::
+
+    a destination is wanted, or an edge of the way was closed   -> at once, as soon as the place is known for sure
+    something blocks the way for blocked_hold_s                 -> round it; where there is no other way, that is said
+    the walker is off the route for replan_hold_s               -> from where they are now
+"""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from device_agent.orders import mode_event, stopped
-from device_agent.state import DeviceState, Effect, Happened, Notice, Step
+from device_agent.state import BlockedPlace, DeviceState, Effect, Happened, Notice, Step
+from navcore.cues.texts import TEXTS
 from navcore.errors import PlanningError
-from navcore.planning.poi_graph import PoiGraph
-from navcore.planning.way_finding import find_route
-from navcore.settings import Settings
-from navcore.types import Pose2D, Route
+from navcore.planning.way_finding import WayFinder
+from navcore.types import Action, Pose2D, Reason, Route
 from navcore.wire import RouteChanged
+
+_BLOCKING = frozenset({Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE})
+_NEAREST_BLOCK_M = 0.3
+_FARTHEST_BLOCK_M = 3.0
 
 
 def plan_if_needed(state: DeviceState, pose: Pose2D | None, now_s: float) -> Step:
-    """Plan a way to the wanted destination, or anew from where the walker strayed to."""
+    """Plan a way to the wanted destination, round what blocks it, or anew from where the walker strayed to."""
     if pose is None or state.mode != "guiding":
         return state, ()
     if state.wanted_id is not None:
-        return _to_wanted(state, pose, state.wanted_id, now_s)
+        return _to_wanted(_with_finder(state), pose, state.wanted_id, now_s)
     state = _watched(state, now_s)
-    since_s = state.off_route_since_s
-    if since_s is None or now_s - since_s < state.settings.planning.replan_hold_s or state.destination_id is None:
+    if state.destination_id is None or state.route is None:
         return state, ()
-    return _anew(replace(state, off_route_since_s=None), pose, state.destination_id, now_s)
+    if _is_blocked(state, now_s):
+        return _round(_with_finder(state), pose, state.destination_id, now_s)
+    since_s = state.off_route_since_s
+    if since_s is None or now_s - since_s < state.settings.planning.replan_hold_s:
+        return state, ()
+    return _anew(_with_finder(replace(state, off_route_since_s=None)), pose, state.destination_id, now_s)
 
 
+# ------------------------------------------------------------------------------------------------ a destination
 def _to_wanted(state: DeviceState, pose: Pose2D, wanted_id: str, now_s: float) -> Step:
     try:
-        route = _route(state.graph, pose, wanted_id, state.settings)
+        route = _route_anyhow(state, pose, wanted_id, now_s)
     except PlanningError as error:
         return _refused(state, wanted_id, str(error), now_s)
     changed = state.destination_id != wanted_id or state.route is None
     state = replace(_with_route(state, route), destination_id=wanted_id, wanted_id=None)
     effects: tuple[Effect, ...] = (mode_event(state),) if changed else ()
     return state, (*effects, _route_message(state, now_s))
-
-
-def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
-    try:
-        route = _route(state.graph, pose, destination_id, state.settings)
-    except PlanningError:
-        # The old way still leads back to the road.
-        return state, ()
-    state = _with_route(state, route)
-    return state, (Happened("mode", "Off the road: a new way is planned."), _route_message(state, now_s))
 
 
 def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> Step:
@@ -62,19 +67,98 @@ def _with_refusal(message: RouteChanged, refusal: str) -> RouteChanged:
     return RouteChanged(message.stamp_s, message.points_m, message.stops, message.destination_id, refusal)
 
 
+# ------------------------------------------------------------------------------------------------- off the route
 def _watched(state: DeviceState, now_s: float) -> DeviceState:
-    deviation_m = state.guidance.trace.deviation_m if state.guidance is not None else None
+    guidance = state.guidance
+    if state.told_blocked_s is not None and guidance is not None and guidance.action is Action.WALK:
+        state = replace(state, told_blocked_s=None)
+    deviation_m = guidance.trace.deviation_m if guidance is not None else None
     if deviation_m is None or deviation_m <= state.settings.planning.replan_deviation_m:
         return replace(state, off_route_since_s=None) if state.off_route_since_s is not None else state
     return replace(state, off_route_since_s=now_s) if state.off_route_since_s is None else state
 
 
-def _route(graph: PoiGraph, pose: Pose2D, poi_id: str, settings: Settings) -> Route:
-    return find_route(graph, pose.x_m, pose.y_m, poi_id, settings.planning)
+def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
+    try:
+        route = _route_anyhow(state, pose, destination_id, now_s)
+    except PlanningError:
+        # The old way still leads back to the road.
+        return state, ()
+    state = _with_route(state, route)
+    happened = Happened("mode", "Off the road: a new way is planned.")
+    return state, (_notice(state, "way_anew"), happened, _route_message(state, now_s))
+
+
+# ----------------------------------------------------------------------------------------------- a blocked way
+def _is_blocked(state: DeviceState, now_s: float) -> bool:
+    """Whether the walker has stood before something for so long that another way is to be looked for."""
+    guidance = state.guidance
+    if guidance is None or guidance.action is not Action.STOP or guidance.reason not in _BLOCKING:
+        return False
+    planning, since_s = state.settings.planning, guidance.trace.stopped_since_s
+    if since_s is None or now_s - since_s < planning.blocked_hold_s:
+        return False
+    # What blocked the other ways may be gone after a while.
+    return state.told_blocked_s is None or now_s - state.told_blocked_s >= planning.blocked_memory_s
+
+
+def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
+    """Plan round what blocks the way; where there is no other, say so once, and wait on: it may go away."""
+    assert state.guidance is not None
+    trace = state.guidance.trace
+    near_m = [each for each in (trace.nearest_ahead_m, trace.sonar_m) if each is not None]
+    ahead_m = min(max(min(near_m, default=1.0), _NEAREST_BLOCK_M), _FARTHEST_BLOCK_M)
+    place = state.place_ahead(ahead_m)
+    if place is not None:
+        state = replace(state, blocked=(*state.blocked, BlockedPlace(now_s, place)))
+    try:
+        if place is None:
+            raise PlanningError("Where on the road the way is blocked is not known: wait, or choose the place again.")
+        route = _route(state, pose, destination_id, now_s)
+    except PlanningError as error:
+        blocked = Happened("route_refused", f"The way is blocked, and there is no other. {error}"[:500])
+        state = replace(state, told_blocked_s=now_s)
+        return state, (_notice(state, "way_blocked_wait"), blocked)
+    state = _with_route(state, route)
+    happened = Happened("mode", f"The way is blocked: another one, {route.length_m:.0f} m, is taken.")
+    return state, (_notice(state, "way_blocked"), happened, _route_message(state, now_s))
+
+
+# -------------------------------------------------------------------------------------------------------- parts
+def _with_finder(state: DeviceState) -> DeviceState:
+    finder, settings = state.way_finder, state.settings.planning
+    if finder is not None and finder.graph is state.graph and finder.settings == settings:
+        return state
+    return replace(state, way_finder=WayFinder(state.graph, settings))
+
+
+def _route(state: DeviceState, pose: Pose2D, poi_id: str, now_s: float) -> Route:
+    """Return the shortest route round everything that is known to be in the way. Raises PlanningError."""
+    assert state.way_finder is not None
+    memory_s, here = state.settings.planning.blocked_memory_s, state.place_ahead(0.0)
+    return state.way_finder.route_to(
+        poi_id, pose.x_m, pose.y_m, heading=pose.heading, on_edge=None if here is None else here.edge_id,
+        blockages=[each.place for each in state.blocked if each.until_rest or now_s - each.since_s <= memory_s],
+    )  # fmt: skip
+
+
+def _route_anyhow(state: DeviceState, pose: Pose2D, poi_id: str, now_s: float) -> Route:
+    """Return the shortest route; where the only one leads past what once stood in the way, that one: it may be gone."""
+    try:
+        return _route(state, pose, poi_id, now_s)
+    except PlanningError:
+        closed = tuple(each for each in state.blocked if each.until_rest)
+        return _route(replace(state, blocked=closed), pose, poi_id, now_s)
 
 
 def _with_route(state: DeviceState, route: Route) -> DeviceState:
-    return replace(state, route=route, route_version=state.route_version + 1, off_route_since_s=None)
+    version = state.route_version + 1
+    return replace(state, route=route, route_version=version, off_route_since_s=None, told_blocked_s=None)
+
+
+def _notice(state: DeviceState, key: str) -> Notice:
+    metres = round(state.route.length_m) if state.route is not None else 0
+    return Notice(TEXTS[state.settings.cues.language][key].format(metres=metres))
 
 
 def _route_message(state: DeviceState, now_s: float) -> RouteChanged:

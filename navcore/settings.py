@@ -63,6 +63,10 @@ class PlanningSettings(_Group):
     """Distance from the route beyond which a new one is planned, after the hold time."""
     replan_hold_s: float = _setting(3.0, 0.5, 30.0, step=0.5, source="design")
     """How long the deviation must last before a new route is planned."""
+    blocked_hold_s: float = _setting(12.0, 5.0, 120.0, step=1.0, source="people in the way mostly walk on")
+    """How long something may block the way before another way is looked for."""
+    blocked_memory_s: float = _setting(300.0, 30.0, 3600.0, step=30.0, source="design")
+    """How long a place that was blocked is not planned through again."""
 
 
 class ObstacleSettings(_Group):

@@ -6,6 +6,7 @@ Depth is computed ray by ray against the boxes and the floor; the walker hears c
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -130,15 +131,19 @@ def walk(
     walker: WalkerParameters | None = None,
     settings: Settings | None = None,
     limit_s: float = 90.0,
+    planned: Callable[[Localization, Guidance | None], tuple[Route, int]] | None = None,
 ) -> Walk:
-    """Lead a walker from a place (x, y, heading in degrees) along a route until they arrive or the time is over."""
+    """Lead a walker from a place (x, y, heading in degrees) along a route until they arrive or the time is over.
+
+    ``planned`` is asked for the route and its version before each frame, where they may change.
+    """
     rng = np.random.default_rng(seed)
     walker = walker or WalkerParameters(veer_bias_deg_per_m=float(rng.normal(0, 0.5)))
     settings = settings or Settings()
     body = WalkerBody(0.0, start[0], start[1], math.radians(start[2]))
     touch, result = touchable(solids), Walk()
     guidance: Guidance | None = None
-    memory, pending = CueMemory(), []
+    memory, pending, version = CueMemory(), [], 1
     while body.time_s < limit_s:
         now_s = body.time_s
         phase = math.tau * 1.8 * now_s
@@ -151,8 +156,10 @@ def walk(
         )
         seen = scan(depth_image(solids, camera, rng), CAMERA, believed, settings.obstacle)
         located = Localization(now_s, LocalizationQuality.LOCALIZED, believed)
+        if planned is not None:
+            route, version = planned(located, guidance)
         guidance = guide(
-            now_s, located, route, seen, sonar_reading(solids, body, now_s), guidance, settings, route_version=1
+            now_s, located, route, seen, sonar_reading(solids, body, now_s), guidance, settings, route_version=version
         )
         cues, memory = cues_for(guidance, memory, route, settings, now_s)
         pending += [(now_s + _LATENCY_S, cue) for cue in cues]

@@ -58,6 +58,10 @@ TEXTS: dict[Language, dict[str, str]] = {
         "sonar_lost": "Ultrasonic sensor failed. Depth camera only.",
         "sonar_back": "Ultrasonic sensor works again.",
         "pose_uncertain": "Position uncertain.",
+        "way_closed": "The way ahead has been closed.",
+        "way_blocked": "The way is blocked. Another way: {metres} metres.",
+        "way_blocked_wait": "The way is blocked, and there is no other. Wait, or ask for help.",
+        "way_anew": "Off the road. New way: {metres} metres.",
     },
     "zh": {
         "turn_left": "向左转{degrees}度。",
@@ -74,6 +78,10 @@ TEXTS: dict[Language, dict[str, str]] = {
         "sonar_lost": "超声波传感器失灵,仅用深度摄像头。",
         "sonar_back": "超声波传感器已恢复。",
         "pose_uncertain": "位置不确定。",
+        "way_closed": "前方道路已关闭。",
+        "way_blocked": "道路被阻挡。改走另一条路,{metres}米。",
+        "way_blocked_wait": "道路被阻挡,没有其他路。请等候或求助。",
+        "way_anew": "已偏离路线。新路线{metres}米。",
     },
 }
 

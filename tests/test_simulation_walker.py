@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,15 @@ from hypothesis import strategies as st
 
 from device_agent.simulation.building import Building, SolidArrays, push_from_solids, touchable
 from device_agent.simulation.shapes import Solid
-from device_agent.simulation.walker import Motion, WalkerBody, WalkerParameters, drawn_walker, hear, step
+from device_agent.simulation.walker import (
+    Motion,
+    WalkerBody,
+    WalkerParameters,
+    drawn_partially_sighted_walker,
+    drawn_walker,
+    hear,
+    step,
+)
 from navcore.cues.table import Cue, CueKind, CuePriority
 
 EXACT = WalkerParameters(turn_gain_sigma=0.0, tone_sigma_deg=0.0, veer_deg_per_sqrt_m=0.0)
@@ -199,3 +208,24 @@ def test_whatever_is_said_the_body_stays_out_of_solids(
         walk.wait(pause_s, ticking=True)
         distance_m, _ = push_from_solids(solids, walk.body.x_m, walk.body.y_m)
         assert distance_m >= WalkerParameters().body_radius_m - 0.02
+
+
+def walk_ahead(person: WalkerParameters, solids: SolidArrays) -> WalkerBody:
+    walk = Walk(replace(person, veer_deg_per_sqrt_m=0.0, veer_bias_deg_per_m=0.0), solids)
+    walk.hear(CueKind.WALK, 0.0)
+    walk.wait(10.0, ticking=True)
+    return walk.body
+
+
+def test_somebody_partially_sighted_goes_round_what_a_blind_walker_touches() -> None:
+    carton = touchable((Solid("carton", 4.0, 0.1, 0.25, 0.25, high_m=0.9),))
+    assert walk_ahead(drawn_walker(3), carton).contacts == 1
+    sighted = walk_ahead(drawn_partially_sighted_walker(3), carton)
+    assert sighted.contacts == 0
+    assert sighted.x_m > 4.5
+
+
+def test_somebody_partially_sighted_does_not_walk_into_a_wall() -> None:
+    wall = touchable((Solid("wall", 4.0, 0.0, 0.1, 10.0),))
+    assert walk_ahead(drawn_walker(1), wall).contacts == 1
+    assert walk_ahead(drawn_partially_sighted_walker(1), wall).contacts == 0

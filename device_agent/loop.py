@@ -200,5 +200,7 @@ _FAULT_REASONS = {"localize": Reason.POSE_LOST, "scan": Reason.DEPTH_INVALID}
 def _stop(state: DeviceState, now_s: float, reason: Reason, rule: str) -> Guidance:
     """Stop, but remember the place on the route."""
     before = state.guidance.trace if state.guidance is not None else DecisionTrace()
-    trace = DecisionTrace(sub_goal=before.sub_goal, closest_index=before.closest_index, rule=rule)
+    trace = DecisionTrace(
+        sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index, rule=rule
+    )
     return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

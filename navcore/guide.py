@@ -30,6 +30,7 @@ from navcore.follower.gate import current_reading, echo_distance_m, walking_dire
 from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
 from navcore.follower.road_centred import walking_speed_m_s
 from navcore.follower.sub_goal import has_arrived
+from navcore.follower.turning import turn_to_route
 from navcore.settings import Settings
 from navcore.types import (
     Action,
@@ -44,6 +45,7 @@ from navcore.types import (
     Reason,
     Route,
     SonarReading,
+    TurnKind,
 )
 
 _LEFT_SLOWLY = frozenset(
@@ -53,6 +55,7 @@ _LEFT_SLOWLY = frozenset(
     }
 )  # fmt: skip
 """Stops that the walker leaves only after several free frames."""
+_TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
 """Somebody who is led round something may head this far from the expected direction before they are turned back."""
@@ -72,9 +75,18 @@ class _Cycle:
     def stop(self, reason: Reason, trace: DecisionTrace, rule: str) -> Guidance:
         return self._result(Action.STOP, None, reason, trace, rule)
 
-    def turn(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+    def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
-        return self._result(Action.TURN, direction, reason, trace, rule)
+        return self._result(Action.TURN, direction, reason, replace(trace, turn=kind), rule)
+
+    def turn_along(self, error: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+        """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
+        before = None if self.previous is None or self.previous.trace.turn not in _TO_THE_ROUTE else self.previous
+        kind, side = turn_to_route(
+            error, None if before is None else before.trace.turn, None if before is None else before.direction
+        )
+        rule = f"the route leads behind: turn around ({rule})" if kind is TurnKind.AROUND else rule
+        return self.turn(kind, side, replace(trace, optimal=None), rule)
 
     def walk(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
@@ -122,14 +134,14 @@ def guide(
         return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
     pose = localization.pose
     if pose is None or localization.quality is LocalizationQuality.LOST or not _is_finite(pose):
-        return cycle.stop(Reason.POSE_LOST, trace, "the pose is lost")
+        return _lost(cycle, trace, "the pose is lost")
     uncertain = localization.quality is LocalizationQuality.UNCERTAIN
     if uncertain and cycle.previous is not None and cycle.previous.reason is Reason.POSE_LOST:
-        return cycle.stop(Reason.POSE_LOST, trace, "the pose was lost and is not certain again")
+        return _lost(cycle, trace, "the pose was lost and is not certain again")
     if trace.uncertain_since_s is not None and (
         stamp_s - trace.uncertain_since_s > settings.localization.uncertain_hold_s
     ):
-        return cycle.stop(Reason.POSE_LOST, trace, "the pose has been uncertain for too long")
+        return _lost(cycle, trace, "the pose has been uncertain for too long")
     return _follow(cycle, route, pose, trace)
 
 
@@ -148,11 +160,10 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     error = relative_to(there.expected, pose.heading)
     look = None if before is None else before.trace.look_target
     if look is not None and abs(relative_to(look, pose.heading)) > math.radians(follower.turn_settled_deg / 2):
-        return cycle.turn(
-            relative_to(look, pose.heading), replace(trace, look_target=look), "look aside for a way round"
-        )
+        looking = replace(trace, look_target=look)
+        return cycle.turn(TurnKind.LOOK, relative_to(look, pose.heading), looking, "look aside for a way round")
     if _must_turn(cycle, error):
-        return cycle.turn(error, trace, "the expected direction is far to the side: turn on the spot")
+        return cycle.turn_along(error, trace, "the expected direction is far to the side: turn on the spot")
     return _choose(cycle, pose, there, trace)
 
 
@@ -229,7 +240,7 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     """No step forward. Turn on the spot to where a way is, or may be; stop where neither is so."""
     settings, before, heading = cycle.settings, cycle.previous, trace.heading
     if trace.optimal is not None and abs(trace.optimal) > math.radians(settings.obstacle.candidate_step_deg / 2):
-        return cycle.turn(trace.optimal, trace, f"{why}: turn to the free direction")
+        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
     last_look = None if before is None else before.trace.look_target
     waits = trace.stopped_since_s is None or cycle.stamp_s - trace.stopped_since_s < LOOK_AFTER_S
     faces = abs(error) <= _look_threshold_rad(cycle)
@@ -237,18 +248,18 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     if may_look and trace.expected is not None and heading is not None:
         target = look_target(trace.expected, cycle.scan, last_look, error, trace.look_count)
         looking = replace(trace, optimal=None, look_target=target, look_count=trace.look_count + 1)
-        return cycle.turn(relative_to(target, heading), looking, f"{why}: look aside for a way round")
+        return cycle.turn(TurnKind.LOOK, relative_to(target, heading), looking, f"{why}: look aside for a way round")
     if not faces:
-        return cycle.turn(error, replace(trace, optimal=None), f"{why}: turn to look where the route leads")
+        return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
     return cycle.stop(reason, trace, why)
 
 
 def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:
     """The rangefinder hears only what is in front: turn to where the route leads, or stop."""
     if abs(error) > _look_threshold_rad(cycle):
-        return cycle.turn(error, replace(trace, optimal=None), f"{why}: turn to look where the route leads")
+        return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
     if trace.optimal is not None and abs(trace.optimal) > math.radians(cycle.settings.obstacle.candidate_step_deg / 2):
-        return cycle.turn(trace.optimal, trace, f"{why}: turn to the free direction")
+        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
     return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
 
 
@@ -275,13 +286,7 @@ def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
 
 def _is_turning_to_expected(cycle: _Cycle) -> bool:
     """Whether the frame before turned to where the route leads, not aside to a free direction or to look."""
-    before = cycle.previous
-    return (
-        before is not None
-        and before.action is Action.TURN
-        and before.trace.optimal is None
-        and before.trace.look_target is None
-    )
+    return cycle.previous is not None and cycle.previous.trace.turn in _TO_THE_ROUTE
 
 
 def _look_threshold_rad(cycle: _Cycle) -> float:
@@ -327,7 +332,14 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
     if cycle.previous is None:
         return trace
     before = cycle.previous.trace
-    return replace(trace, closest_index=before.closest_index, sub_goal=before.sub_goal)
+    return replace(trace, closest_index=before.closest_index, lost_index=before.lost_index, sub_goal=before.sub_goal)
+
+
+def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
+    """Stop, and remember only where on the route the walker was: they may be found again on another leg of it."""
+    before = None if cycle.previous is None else cycle.previous.trace
+    index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
+    return cycle.stop(Reason.POSE_LOST, replace(trace, lost_index=index), why)
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:

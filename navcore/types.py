@@ -373,6 +373,19 @@ class SubGoal:
     """Turning points of the route up to this index have been reached and are not taken up again."""
 
 
+class TurnKind(enum.Enum):
+    """Why the walker turns on the spot."""
+
+    ALONG = "along"
+    """To where the route leads: at a corner, or at the start."""
+    AROUND = "around"
+    """The route leads behind them: a U-turn."""
+    ASIDE = "aside"
+    """To a free direction, round what is in the way."""
+    LOOK = "look"
+    """To look for a way round: the camera sees a third of what is ahead."""
+
+
 @dataclass(frozen=True, slots=True)
 class DecisionTrace:
     """Everything that went into one decision, so that every "stop" can be explained afterwards."""
@@ -389,6 +402,8 @@ class DecisionTrace:
     """P_G (Eq. 2)."""
     closest_index: int | None = None
     """Index of P_cls in the route (Eq. 1)."""
+    lost_index: int | None = None
+    """P_cls when the pose was lost; None while it is known."""
     deviation_m: float | None = None
     """Distance from the route."""
     remaining_m: float | None = None
@@ -407,6 +422,8 @@ class DecisionTrace:
     """Frames in a row, since a stop, in which the way was free."""
     stopped_since_s: float | None = None
     """Since when the walker has not been walking."""
+    turn: TurnKind | None = None
+    """Why the walker is turned; None unless they are."""
     look_target: WorldAngle | None = None
     """Where the walker turns to look for a way round what blocks the expected direction."""
     look_count: int = 0

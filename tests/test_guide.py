@@ -22,6 +22,7 @@ from navcore.types import (
     Reason,
     SonarReading,
     SonarState,
+    TurnKind,
 )
 
 SETTINGS = Settings()
@@ -184,3 +185,34 @@ def test_the_memory_of_another_route_is_dropped():
     stale = replace(first, trace=replace(first.trace, closest_index=119))
     assert decide(here, seen(here), stale, route_version=2).trace.closest_index == 20
     assert decide(here, seen(here), stale, route_version=1).trace.closest_index != 20
+
+
+def test_who_is_found_again_goes_on_along_their_own_leg():
+    out_and_back = route_along((0, 0), (10, 0), (10, 0.8), (0, 0.8))
+    here = at(3.0, 0.3)
+    walking = decide(here, seen(here), route=out_and_back)
+    assert walking.trace.closest_index == 30
+    lost = decide(at(3.0, quality="lost", stamp_s=0.1), seen(here), walking, route=out_and_back)
+    assert (lost.trace.closest_index, lost.trace.lost_index) == (None, 30)
+    lost = decide(at(3.0, quality="lost", stamp_s=0.2), seen(here), lost, route=out_and_back)
+    assert lost.trace.lost_index == 30
+    found = decide(at(3.2, 0.45, stamp_s=0.3), seen(here), lost, route=out_and_back)
+    assert (found.trace.closest_index, found.trace.lost_index) == (32, None)
+
+
+def test_a_destination_behind_is_a_turn_around_by_one_side():
+    before, sides = None, set()
+    for tenth, sway_deg in enumerate((178, 181, 179, 183, 177, 182)):
+        here = at(6.0, heading_deg=sway_deg, stamp_s=tenth / 10)
+        before = decide(here, seen(here), before)
+        assert (before.action, before.trace.turn) == (Action.TURN, TurnKind.AROUND)
+        assert "turn around" in before.trace.rule
+        sides.add((before.direction or 0.0) > 0)
+    assert len(sides) == 1
+
+
+def test_who_starts_before_a_wall_is_turned_to_the_route_and_not_stopped():
+    here = at(2.0, heading_deg=90)
+    result = decide(here, seen(here, box(-5, 0.5, 20, 1.0)), sonar=SonarReading(0.0, SonarState.OK, 0.5))
+    assert (result.action, result.trace.turn) == (Action.TURN, TurnKind.ALONG)
+    assert math.degrees(result.direction or 0.0) == pytest.approx(-90, abs=1.0)

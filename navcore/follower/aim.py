@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from navcore.angles import WorldAngle
 from navcore.follower import road_centred
 from navcore.follower.direction import expected_direction
-from navcore.follower.sub_goal import closest_point, distance_to, select_sub_goal
+from navcore.follower.sub_goal import closest_point, closest_point_anywhere, distance_to, select_sub_goal
 from navcore.settings import Settings
 from navcore.types import DecisionTrace, Pose2D, Route, SubGoal
 
@@ -38,9 +38,12 @@ def aim(route: Route, pose: Pose2D, speed_m_s: float, before: DecisionTrace | No
         settings: ``follower.policy`` chooses the policy.
     """
     follower = settings.follower
-    last_index = None if before is None else before.closest_index
     last_goal = None if before is None else before.sub_goal
-    closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
+    if before is not None and before.lost_index is not None:
+        closest_index, deviation_m = closest_point_anywhere(route, pose, before.lost_index)
+    else:
+        last_index = None if before is None else before.closest_index
+        closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
     if follower.policy == "paper":
         goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
         return Aim(closest_index, deviation_m, goal, expected_direction(goal, pose), distance_to(goal, pose))

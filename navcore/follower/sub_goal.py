@@ -14,6 +14,12 @@ _STEP_BACK_M = 1.0
 """The closest point may also lie this far behind the last one: people step back."""
 _BEND_SPAN_M = 0.3
 """Eq. 2 compares the chord with the step from one point to the next; over 0.1 m that step would be noise."""
+_BESIDE_M = 1.0
+"""A leg at most so much farther away than the nearest one may be the walker's."""
+_UNLIKELY_M = 0.4
+"""A leg against the heading counts as so much farther away, and one far from the last place on the route as well."""
+_AWAY_M = 5.0
+_DIRECTION_POINTS = 3
 
 
 def closest_point(route: Route, pose: Pose2D, previous_index: int | None, window_m: float) -> tuple[int, float]:
@@ -21,17 +27,35 @@ def closest_point(route: Route, pose: Pose2D, previous_index: int | None, window
 
     As printed, Eq. 1 searches all of W; where a route comes back beside itself, the closest point would jump to the
     other leg. Here it is searched from the last one forward within a window, and everywhere only where there is no
-    last one: at the start, after a new plan, after the pose was lost.
+    last one: at the start, and after a new plan.
     """
-    first, last = 0, len(route.points_m)
-    if previous_index is not None and 0 <= previous_index < last:
-        at_m = float(route.arc_length_m[previous_index])
-        first = int(np.searchsorted(route.arc_length_m, at_m - _STEP_BACK_M))
-        last = int(np.searchsorted(route.arc_length_m, at_m + window_m, side="right"))
-    offsets = route.points_m[first:last] - (pose.x_m, pose.y_m)
-    distances_m = np.hypot(offsets[:, 0], offsets[:, 1])
+    if previous_index is None or not 0 <= previous_index < len(route.points_m):
+        return closest_point_anywhere(route, pose, 0)
+    at_m = float(route.arc_length_m[previous_index])
+    first = int(np.searchsorted(route.arc_length_m, at_m - _STEP_BACK_M))
+    last = int(np.searchsorted(route.arc_length_m, at_m + window_m, side="right"))
+    distances_m = _distances_m(route, pose, first, last)
     nearest = int(np.argmin(distances_m))
     return first + nearest, float(distances_m[nearest])
+
+
+def closest_point_anywhere(route: Route, pose: Pose2D, last_index: int) -> tuple[int, float]:
+    """Return the index of P_cls, searched over all of W, and the distance to it.
+
+    Where legs of the route run side by side, the nearest one need not be the walker's: it is the one along their
+    heading, and near to where they were on the route last (at its beginning, where they have just begun).
+    """
+    distances_m = _distances_m(route, pose, 0, len(route.points_m))
+    padded = np.concatenate([[np.inf], distances_m, [np.inf]])
+    is_valley = (distances_m <= padded[:-2]) & (distances_m < padded[2:])
+    valleys = np.flatnonzero(is_valley & (distances_m <= distances_m.min() + _BESIDE_M))
+    arcs, points, last = route.arc_length_m, route.points_m, len(distances_m) - 1
+    along = points[np.minimum(valleys + _DIRECTION_POINTS, last)] - points[np.maximum(valleys - _DIRECTION_POINTS, 0)]
+    off_rad = np.arctan2(along[:, 1], along[:, 0]) - pose.heading
+    against = (1.0 - np.cos(off_rad)) / 2.0
+    away = np.minimum(np.abs(arcs[valleys] - arcs[min(last_index, last)]) / _AWAY_M, 1.0)
+    best = int(valleys[np.argmin(distances_m[valleys] + _UNLIKELY_M * (against + away))])
+    return best, float(distances_m[best])
 
 
 def select_sub_goal(
@@ -74,6 +98,12 @@ def bend_rad(chord: FloatArray, step: FloatArray) -> float:
     """Return the angle between P_cls P_G and P_G P_G+1, in [0, π]; 0 where one of them has no length."""
     cross = float(chord[0] * step[1] - chord[1] * step[0])
     return abs(math.atan2(cross, float(chord @ step))) if np.any(chord) and np.any(step) else 0.0
+
+
+def _distances_m(route: Route, pose: Pose2D, first: int, last: int) -> FloatArray:
+    offsets = route.points_m[first:last] - (pose.x_m, pose.y_m)
+    distances_m: FloatArray = np.hypot(offsets[:, 0], offsets[:, 1])
+    return distances_m
 
 
 def _next_sub_goal(route: Route, from_index: int, passed_index: int, settings: FollowerSettings) -> SubGoal:

@@ -1,0 +1,117 @@
+"""Turning to the route, and finding the walker's place on a route whose legs run side by side."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from closed_loop import route_along
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from navcore.angles import relative_angle, world_angle
+from navcore.follower.sub_goal import closest_point, closest_point_anywhere
+from navcore.follower.turning import turn_to_route
+from navcore.types import Pose2D, TurnKind
+
+OUT_AND_BACK = route_along((0, 0), (10, 0), (10, 0.8), (0, 0.8))
+WINDOW_M = 4.0
+
+
+def rad(angle_deg: float):
+    return relative_angle(math.radians(angle_deg))
+
+
+def pose(x_m: float, y_m: float, heading_deg: float = 0.0) -> Pose2D:
+    return Pose2D(x_m, y_m, world_angle(math.radians(heading_deg)))
+
+
+# ------------------------------------------------------------------------------------------------------- turning
+@pytest.mark.parametrize(
+    ("error_deg", "before", "last_deg", "kind", "turn_deg"),
+    [
+        (90, None, None, TurnKind.ALONG, 90),
+        (134, None, None, TurnKind.ALONG, 134),
+        (136, None, None, TurnKind.AROUND, 136),
+        (-136, None, None, TurnKind.AROUND, -136),
+        (178, TurnKind.AROUND, 175, TurnKind.AROUND, 178),
+        (-178, TurnKind.AROUND, 175, TurnKind.AROUND, 179),  # a sway of the head does not change the side
+        (178, TurnKind.AROUND, -175, TurnKind.AROUND, -179),
+        (-149, TurnKind.AROUND, 175, TurnKind.AROUND, -149),  # the walker has turned by the other side
+        (60, TurnKind.AROUND, 100, TurnKind.AROUND, 60),  # a U-turn that is nearly done is one still
+        (-178, TurnKind.ALONG, 60, TurnKind.AROUND, 179),
+    ],
+)
+def test_turns_to_the_route(error_deg: float, before: TurnKind | None, last_deg: float | None, kind, turn_deg: float):
+    found, turn = turn_to_route(rad(error_deg), before, None if last_deg is None else rad(last_deg))
+    assert found is kind
+    assert math.degrees(turn) == pytest.approx(turn_deg)
+
+
+@given(st.floats(-179.9, 179.9), st.sampled_from([None, TurnKind.ALONG, TurnKind.AROUND]), st.floats(-179.9, 179.9))
+def test_a_turn_mirrored_is_the_mirrored_turn(error_deg: float, before: TurnKind | None, last_deg: float):
+    kind, turn = turn_to_route(rad(error_deg), before, rad(last_deg))
+    mirrored_kind, mirrored = turn_to_route(rad(-error_deg), before, rad(-last_deg))
+    assert mirrored_kind is kind
+    assert mirrored == pytest.approx(-turn)
+
+
+@given(st.floats(-20, 20), st.booleans())
+def test_the_side_of_a_turn_around_does_not_flicker(sway_deg: float, left: bool):
+    kind, turn = turn_to_route(rad(179 if left else -179), None, None)
+    for step in range(20):
+        kind, turn = turn_to_route(rad(180 + sway_deg * math.sin(step)), kind, turn)
+        assert kind is TurnKind.AROUND
+        assert (turn > 0) == left
+
+
+# ------------------------------------------------------------------------------------------- a place on the route
+def test_a_walk_that_comes_back_beside_itself_is_begun_at_its_beginning():
+    nearer_the_other_leg = pose(1.0, 0.45)
+    index, deviation_m = closest_point(OUT_AND_BACK, nearer_the_other_leg, None, WINDOW_M)
+    assert index == 10
+    assert deviation_m == pytest.approx(0.45, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("x_m", "y_m", "heading_deg", "last_m", "found_m"),
+    [
+        (3.0, 0.45, 0, 2.5, 3.0),  # where they were lost, and heads along that leg
+        (3.0, 0.45, 180, 17.5, 17.8),
+        (3.0, 0.35, 180, 17.0, 17.8),  # nearer to the other leg, but was lost on this one, and heads along it
+        (3.0, 0.4, 180, 10.4, 17.8),  # lost half-way: the heading decides
+        (3.0, 0.4, 0, 10.4, 3.0),
+        (3.0, 0.4, 90, 17.0, 17.8),  # heads across: the place where they were lost decides
+        (3.0, 0.4, 90, 2.0, 3.0),
+        (3.0, 1.9, 0, 2.5, 17.8),  # far from the one leg, near the other: no doubt
+    ],
+)
+def test_who_was_lost_is_found_on_the_leg_that_is_theirs(
+    x_m: float, y_m: float, heading_deg: float, last_m: float, found_m: float
+):
+    last = int(np.argmin(np.abs(OUT_AND_BACK.arc_length_m - last_m)))
+    index, deviation_m = closest_point_anywhere(OUT_AND_BACK, pose(x_m, y_m, heading_deg), last)
+    assert OUT_AND_BACK.arc_length_m[index] == pytest.approx(found_m, abs=0.11)
+    assert deviation_m == pytest.approx(math.hypot(*(OUT_AND_BACK.points_m[index] - (x_m, y_m))))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.floats(-3, 13), st.floats(-3, 5), st.integers(0, 207), st.floats(0, 360), st.floats(-50, 50))
+def test_a_place_anywhere_is_a_valley_near_the_nearest_and_moves_with_the_world(
+    x_m: float, y_m: float, last: int, turn_deg: float, shift_m: float
+):
+    index, deviation_m = closest_point_anywhere(OUT_AND_BACK, pose(x_m, y_m, 40.0), last)
+    distances = np.hypot(*(OUT_AND_BACK.points_m - (x_m, y_m)).T)
+    assert deviation_m <= distances.min() + 1.0
+    assert deviation_m <= distances[max(0, index - 1) : index + 2].min() + 1e-12
+    turn = math.radians(turn_deg)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    corners = [tuple(rotation @ corner + shift_m) for corner in ((0, 0), (10, 0), (10, 0.8), (0, 0.8))]
+    x, y = rotation @ (x_m, y_m) + shift_m
+    moved = closest_point_anywhere(route_along(*corners), pose(float(x), float(y), 40.0 + turn_deg), last)
+    assert moved[1] == pytest.approx(deviation_m, abs=0.06)
+
+
+def test_a_route_of_one_point_has_a_closest_point():
+    assert closest_point(route_along((1, 1), (1, 1)), pose(4, 5), None, WINDOW_M)[1] == pytest.approx(5.0)

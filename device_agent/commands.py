@@ -16,6 +16,7 @@ _MODULES = (
     "device_agent.simulation_commands",
     "device_agent.maintenance_commands",
     "device_agent.demo",
+    "device_agent.experiments_command",
 )
 
 

@@ -64,6 +64,8 @@ class WalkResult:
     """The planned route (n, 2), in the map."""
     path_m: FloatArray
     """The true path (k, 2) while guiding, in the map."""
+    map_from_building: FloatArray
+    """Rigid transform on the floor (3, 3); NaN where the walker was not located, or did not move."""
     reasons: dict[str, int]
     """How many cycles ended with each reason."""
 
@@ -98,6 +100,7 @@ def measured(
         cues=cues,
         route_m=routes[0].points_m if routes else np.zeros((0, 2)),
         path_m=path_m,
+        map_from_building=map_from_building,
         reasons=dict(Counter(sample.cycle.guidance.reason.value for sample in samples)),
     )
 

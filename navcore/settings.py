@@ -120,9 +120,9 @@ class FollowerSettings(_Group):
     """A turn on the spot ends when the expected direction is nearer to straight ahead than this."""
     closest_window_m: float = _setting(4.0, 1.0, 20.0, step=0.5, source="Eq. 1")
     """How far along the route, from the last one, the closest point is looked for."""
-    reaction_s: float = _setting(0.6, 0.2, 1.5, step=0.1, source="reaction time 0.3–0.9 s")
+    reaction_s: float = _setting(0.7, 0.2, 1.5, step=0.1, source="reaction time 0.3–0.9 s")
     """Road-centred: time from an instruction to the walker's movement."""
-    lead_s: float = _setting(0.8, 0.2, 3.0, step=0.1, source="closed-loop trials")
+    lead_s: float = _setting(0.7, 0.2, 3.0, step=0.1, source="closed-loop trials")
     """Road-centred: the walker is led to where they will be so long after they have reacted."""
     min_look_ahead_m: float = _setting(1.0, 0.5, 3.0, step=0.1, source="closed-loop trials")
     """Road-centred: but never to a point nearer than this."""

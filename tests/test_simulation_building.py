@@ -114,7 +114,7 @@ def test_an_unknown_place_is_named(office: Building) -> None:
 
 def test_floor_plan_shows_trajectories(office: Building) -> None:
     line = np.array([[7.0, 6.0], [15.0, 6.0]])
-    plain, drawn = floor_plan(office), floor_plan(office, {"blind": line})
+    plain, drawn = floor_plan(office), floor_plan(office, {"blind": [line]})
     column, row = plan_view(office).pixels(np.array([[11.0, 6.0]]))[0]
     assert plain.shape == drawn.shape
     assert not np.array_equal(plain[round(row), round(column)], drawn[round(row), round(column)])

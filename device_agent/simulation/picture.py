@@ -61,21 +61,22 @@ def plan_view(building: Building, px_per_m: float = 40.0) -> PlanView:
 
 def floor_plan(
     building: Building,
-    trajectories_m: Mapping[str, FloatArray] | None = None,
+    trajectories_m: Mapping[str, Sequence[FloatArray]] | None = None,
     *,
     px_per_m: float = 40.0,
     show_road: bool = False,
 ) -> ImageRgb:
-    """Draw the floor plan, and trajectories (n, 2) by name, each in its own colour with a legend."""
+    """Draw the floor plan, and trajectories (n, 2) by name: those of one name in one colour, with a legend."""
     view = plan_view(building, px_per_m)
     image: NDArray[np.uint8] = np.full((view.height_px, view.width_px, 3), 255, np.uint8)
     _draw_rooms(image, building, view)
     _draw_solids(image, building, view)
     if show_road:
         _draw_line(image, view, np.asarray(building.road_waypoints, np.float64), (150, 175, 205), 2)
-    for (name, points), colour in zip((trajectories_m or {}).items(), _colours(len(trajectories_m or {})), strict=True):
-        _draw_line(image, view, points, colour, 2)
-        _draw_mark(image, view, points[0], colour, name)
+    for lines, colour in zip((trajectories_m or {}).values(), _colours(len(trajectories_m or {})), strict=True):
+        for points in lines:
+            _draw_line(image, view, points, colour, 2)
+            _draw_mark(image, view, points[0], colour)
     _draw_places(image, building, view)
     _draw_legend(image, list(trajectories_m or {}))
     return image
@@ -115,7 +116,7 @@ def _draw_line(image: ImageRgb, view: PlanView, points_m: FloatArray, colour: Rg
     cv2.polylines(image, [_fixed(view.pixels(points_m))], False, colour, width_px, cv2.LINE_AA, _SHIFT)
 
 
-def _draw_mark(image: ImageRgb, view: PlanView, point_m: FloatArray, colour: Rgb, name: str) -> None:
+def _draw_mark(image: ImageRgb, view: PlanView, point_m: FloatArray, colour: Rgb) -> None:
     centre = _fixed(view.pixels(point_m))[0, 0]
     cv2.circle(image, (int(centre[0]), int(centre[1])), 5 << _SHIFT, colour, -1, cv2.LINE_AA, _SHIFT)
 

@@ -6,7 +6,7 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check bench lock docs clean
+.PHONY: help install demo test check mutants bench lock docs clean
 
 help: ## show the commands
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -25,6 +25,9 @@ test: install ## run all tests
 
 check: install ## formatting, lint, types, import contracts, generated docs
 	@.ci/check $(BIN)
+
+mutants: install ## put small faults into gate and follower: a test must find each
+	@OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/mutants
 
 bench: install ## measure speed, accuracy and memory (DATA: folder of the real recordings)
 	@.ci/bench $(BIN) "$(DATA)"

@@ -23,6 +23,16 @@ def rad(angle_deg: float):
     return relative_angle(math.radians(angle_deg))
 
 
+def turned(turn_deg: float, place: tuple[float, float]):
+    """The route, and a place by it, in a world that is turned and shifted."""
+    turn = math.radians(turn_deg)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    shift = (turn_deg, -turn_deg / 2)
+    corners = ((0, 0), (10, 0), (10, 0.8), (0, 0.8))
+    x_m, y_m = rotation @ place + shift
+    return route_along(*(tuple(rotation @ corner + shift) for corner in corners)), (float(x_m), float(y_m))
+
+
 def pose(x_m: float, y_m: float, heading_deg: float = 0.0) -> Pose2D:
     return Pose2D(x_m, y_m, world_angle(math.radians(heading_deg)))
 
@@ -33,7 +43,8 @@ def pose(x_m: float, y_m: float, heading_deg: float = 0.0) -> Pose2D:
     [
         (90, None, None, TurnKind.ALONG, 90),
         (134, None, None, TurnKind.ALONG, 134),
-        (136, None, None, TurnKind.AROUND, 136),
+        (135, None, None, TurnKind.AROUND, 135),
+        (135.5, None, None, TurnKind.AROUND, 135.5),
         (-136, None, None, TurnKind.AROUND, -136),
         (178, TurnKind.AROUND, 175, TurnKind.AROUND, 178),
         (-178, TurnKind.AROUND, 175, TurnKind.AROUND, 179),  # a sway of the head does not change the side
@@ -41,6 +52,10 @@ def pose(x_m: float, y_m: float, heading_deg: float = 0.0) -> Pose2D:
         (-149, TurnKind.AROUND, 175, TurnKind.AROUND, -149),  # the walker has turned by the other side
         (60, TurnKind.AROUND, 100, TurnKind.AROUND, 60),  # a U-turn that is nearly done is one still
         (-178, TurnKind.ALONG, 60, TurnKind.AROUND, 179),
+        (178, TurnKind.AROUND, 10, TurnKind.AROUND, 178),
+        (178, TurnKind.ALONG, 0, TurnKind.AROUND, 178),
+        (-150, TurnKind.AROUND, 175, TurnKind.AROUND, -150),
+        (-150.5, TurnKind.AROUND, 175, TurnKind.AROUND, 179),
     ],
 )
 def test_turns_to_the_route(error_deg: float, before: TurnKind | None, last_deg: float | None, kind, turn_deg: float):
@@ -85,31 +100,46 @@ def test_a_walk_that_comes_back_beside_itself_is_begun_at_its_beginning():
         (3.0, 0.4, 90, 17.0, 17.8),  # heads across: the place where they were lost decides
         (3.0, 0.4, 90, 2.0, 3.0),
         (3.0, 1.9, 0, 2.5, 17.8),  # far from the one leg, near the other: no doubt
+        (3.0, 0.7, 0, 2.5, 3.0),  # much nearer to the other leg, but heading and memory speak for this one
+        (3.0, 0.25, 180, 10.4, 17.8),
+        (9.4, 0.47, 90, 9.4, 9.4),  # the farther along the route another leg is, the less likely
+        (9.4, 0.5, 90, 9.4, 11.4),
     ],
 )
+@pytest.mark.parametrize("turn_deg", [0.0, 137.0])
 def test_who_was_lost_is_found_on_the_leg_that_is_theirs(
-    x_m: float, y_m: float, heading_deg: float, last_m: float, found_m: float
+    x_m: float, y_m: float, heading_deg: float, last_m: float, found_m: float, turn_deg: float
 ):
-    last = int(np.argmin(np.abs(OUT_AND_BACK.arc_length_m - last_m)))
-    index, deviation_m = closest_point_anywhere(OUT_AND_BACK, pose(x_m, y_m, heading_deg), last)
-    assert OUT_AND_BACK.arc_length_m[index] == pytest.approx(found_m, abs=0.11)
-    assert deviation_m == pytest.approx(math.hypot(*(OUT_AND_BACK.points_m[index] - (x_m, y_m))))
+    route, (x_m, y_m) = turned(turn_deg, (x_m, y_m))
+    last = int(np.argmin(np.abs(route.arc_length_m - last_m)))
+    index, deviation_m = closest_point_anywhere(route, pose(x_m, y_m, heading_deg + turn_deg), last)
+    assert route.arc_length_m[index] == pytest.approx(found_m, abs=0.11)
+    assert deviation_m == pytest.approx(math.hypot(*(route.points_m[index] - (x_m, y_m))))
+
+
+def test_who_is_known_to_be_on_one_leg_is_not_looked_for_on_the_other():
+    beside_the_other = pose(1.0, 0.9, 180.0)
+    assert closest_point(OUT_AND_BACK, beside_the_other, 0, WINDOW_M)[0] == 10
+    assert closest_point(OUT_AND_BACK, beside_the_other, None, WINDOW_M)[0] > 150
+
+
+def test_an_index_of_another_route_is_not_believed():
+    count = len(OUT_AND_BACK.points_m)
+    for index in (-1, count, count + 5):
+        assert closest_point(OUT_AND_BACK, pose(2.0, 0.1), index, WINDOW_M)[0] == 20
 
 
 @settings(deadline=None, max_examples=60)
-@given(st.floats(-3, 13), st.floats(-3, 5), st.integers(0, 207), st.floats(0, 360), st.floats(-50, 50))
+@given(st.floats(-3, 13), st.floats(-3, 5), st.integers(0, 207), st.floats(0, 360))
 def test_a_place_anywhere_is_a_valley_near_the_nearest_and_moves_with_the_world(
-    x_m: float, y_m: float, last: int, turn_deg: float, shift_m: float
+    x_m: float, y_m: float, last: int, turn_deg: float
 ):
     index, deviation_m = closest_point_anywhere(OUT_AND_BACK, pose(x_m, y_m, 40.0), last)
     distances = np.hypot(*(OUT_AND_BACK.points_m - (x_m, y_m)).T)
     assert deviation_m <= distances.min() + 1.0
     assert deviation_m <= distances[max(0, index - 1) : index + 2].min() + 1e-12
-    turn = math.radians(turn_deg)
-    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
-    corners = [tuple(rotation @ corner + shift_m) for corner in ((0, 0), (10, 0), (10, 0.8), (0, 0.8))]
-    x, y = rotation @ (x_m, y_m) + shift_m
-    moved = closest_point_anywhere(route_along(*corners), pose(float(x), float(y), 40.0 + turn_deg), last)
+    route, place = turned(turn_deg, (x_m, y_m))
+    moved = closest_point_anywhere(route, pose(*place, 40.0 + turn_deg), last)
     assert moved[1] == pytest.approx(deviation_m, abs=0.06)
 
 

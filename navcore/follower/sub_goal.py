@@ -14,8 +14,6 @@ _STEP_BACK_M = 1.0
 """The closest point may also lie this far behind the last one: people step back."""
 _BEND_SPAN_M = 0.3
 """Eq. 2 compares the chord with the step from one point to the next; over 0.1 m that step would be noise."""
-_BESIDE_M = 1.0
-"""A leg at most so much farther away than the nearest one may be the walker's."""
 _UNLIKELY_M = 0.4
 """A leg against the heading counts as so much farther away, and one far from the last place on the route as well."""
 _AWAY_M = 5.0
@@ -48,7 +46,7 @@ def closest_point_anywhere(route: Route, pose: Pose2D, last_index: int) -> tuple
     distances_m = _distances_m(route, pose, 0, len(route.points_m))
     padded = np.concatenate([[np.inf], distances_m, [np.inf]])
     is_valley = (distances_m <= padded[:-2]) & (distances_m < padded[2:])
-    valleys = np.flatnonzero(is_valley & (distances_m <= distances_m.min() + _BESIDE_M))
+    valleys = np.flatnonzero(is_valley)
     arcs, points, last = route.arc_length_m, route.points_m, len(distances_m) - 1
     along = points[np.minimum(valleys + _DIRECTION_POINTS, last)] - points[np.maximum(valleys - _DIRECTION_POINTS, 0)]
     off_rad = np.arctan2(along[:, 1], along[:, 0]) - pose.heading

@@ -28,11 +28,12 @@ from navcore.site import Site, load_site, save_site
 from navcore.site_building import build_site
 from navcore.site_files import read_checked, read_manifest
 from navcore.slam.features import GRID_PX, sort_into_cells
+from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import NO_LANDMARK, Features, SlamCamera
 from navcore.slam.localizer import Localizer
 from navcore.slam.map import MapBuilder
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
-from navcore.slam.slam_map import SlamMap, freeze
+from navcore.slam.slam_map import SlamMap
 from navcore.types import CameraIntrinsics, LocalizationQuality
 
 CAMERA = CameraIntrinsics(320, 240, 232.0, 232.0, 159.5, 119.5)

@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 from navcore.errors import SiteError
 
 FORMAT = "vbr-site"
-SCHEMA_VERSION = 2
-"""1: one recording. 2: recordings as sessions; who saw each point of the cloud; the manifest's own checksum."""
+SCHEMA_VERSION = 3
+"""1: one recording. 2: recordings as sessions; who saw each point of the cloud; the manifest's own checksum. 3: how far
+the map can be wrong, key frame by key frame. Older ones are read, newer ones are not."""
 MANIFEST = "manifest.json"
 MAX_SITE_BYTES = 1 << 30
 """All files of a site together, at most."""

@@ -14,6 +14,7 @@ import pytest
 from device_agent.cli import main
 from navcore.recording import RecordingWriter
 from navcore.site import Site, save_site
+from navcore.site_files import SCHEMA_VERSION
 from navcore.types import CameraIntrinsics, Frame
 
 CAMERA = CameraIntrinsics(64, 48, 60.0, 60.0, 31.5, 23.5)
@@ -163,7 +164,7 @@ def test_a_damaged_site_is_refused_by_every_command(
 
 def test_a_newer_site_and_a_map_of_another_form_are_refused(refusal: Refusal, recording: Path, site: Path) -> None:
     assert "The map is damaged" in refusal("localize", "--site", site, recording)
-    replaced("manifest.json", '"schema_version": 2', '"schema_version": 3')(site)
+    replaced("manifest.json", f'"schema_version": {SCHEMA_VERSION}', f'"schema_version": {SCHEMA_VERSION + 1}')(site)
     assert "newer program" in refusal("localize", "--site", site, recording)
 
 

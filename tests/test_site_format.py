@@ -170,7 +170,7 @@ def test_absurd_numbers_are_refused(wall_map: SlamMap, name: str, index: object,
 def test_arrays_of_another_form_or_none_are_refused(wall_map: SlamMap) -> None:
     for name, array in wall_map.to_arrays().items():
         without = {key: value for key, value in wall_map.to_arrays().items() if key != name}
-        if name not in ("keyframe_session", "trajectory_session", "keyframe_depth"):
+        if name not in ("keyframe_session", "trajectory_session", "keyframe_depth", "keyframe_covariance"):
             with pytest.raises(SiteError, match="The map "):
                 SlamMap.from_arrays(without)
         # There may be any number of loops; of all else the number is known.
@@ -242,7 +242,7 @@ def test_a_site_of_the_first_schema_is_read_as_one_recording(mapped: Path, tmp_p
     folder = tmp_path / "site"
     shutil.copytree(mapped, folder)
     newer = {"sessions.json", *(f"cloud/{name}.npy" for name in ("weights", "view_counts", "sessions"))}
-    newer |= {f"map/{name}_session.npy" for name in ("keyframe", "trajectory")}
+    newer |= {f"map/{name}_session.npy" for name in ("keyframe", "trajectory")} | {"map/keyframe_covariance.npy"}
     manifest = read_manifest(folder)
     files = {name: entry for name, entry in manifest.files.items() if name not in newer}
     for name in newer:
@@ -251,7 +251,11 @@ def test_a_site_of_the_first_schema_is_read_as_one_recording(mapped: Path, tmp_p
     (folder / "manifest.json").write_bytes(msgspec.json.encode(old))
     found = load_site(folder)
     assert [(session.name, session.frame_count) for session in found.sessions] == [("Wall", 30)]
-    assert not SlamMap.from_arrays(found.map_arrays).keyframe_session.any()
+    slam_map = SlamMap.from_arrays(found.map_arrays)
+    assert not slam_map.keyframe_session.any()
+    # How far it can be wrong follows from what it holds.
+    known = SlamMap.from_arrays(load_site(mapped).map_arrays)
+    np.testing.assert_array_equal(slam_map.keyframe_covariance, known.keyframe_covariance)
     assert set(found.cloud_sessions.tolist()) == {1}
 
 

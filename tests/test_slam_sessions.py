@@ -22,6 +22,7 @@ from navcore.site_building import build_site
 from navcore.site_growth import Growth, extend_site, recording_session, remove_session, slam_map_of
 from navcore.slam.covisibility import session_groups, spanning_parents
 from navcore.slam.deformation import Deformation, frame_kept, rigid_fit
+from navcore.slam.freezing import freeze
 from navcore.slam.joining import join
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import exp_se3
@@ -30,7 +31,7 @@ from navcore.slam.map_build import LevelMap, build_level_map
 from navcore.slam.mapper import Mapper
 from navcore.slam.rehearsal import REHEARSAL_CAMERA, WALL_M, rehearse
 from navcore.slam.session_removal import renumbered, separated_by_removal, without_key_frames
-from navcore.slam.slam_map import SlamMap, freeze
+from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import thaw
 from navcore.types import Frame, LocalizationQuality
 

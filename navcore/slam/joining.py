@@ -17,12 +17,13 @@ from navcore.geometry import FloatArray
 from navcore.slam import loop_correction, mapping
 from navcore.slam.covisibility import spanning_parents
 from navcore.slam.deformation import Deformation, frame_kept
+from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import IntArray
 from navcore.slam.loop_verification import VerifiedLoop
 from navcore.slam.map import MapBuilder
 from navcore.slam.overlap import camera_centres, find_overlap
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
-from navcore.slam.slam_map import SlamMap, freeze
+from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import graft, thaw
 from navcore.slam.tracking import local_landmarks
 

@@ -33,7 +33,6 @@ from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.localizer_state import CONFIRMATIONS, LocalizerState, MapMatch, RememberedCovisibility
 from navcore.slam.map_evidence import evidence_for
-from navcore.slam.map_uncertainty import keyframe_covariances
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_uncertainty import (
     centre_of,
@@ -98,7 +97,6 @@ class Localizer:
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
         self._covisibility = RememberedCovisibility(self._map)
-        self._keyframe_covariances = keyframe_covariances(slam_map)
         self._state: LocalizerState | None = None
         self._depth = DepthAid(slam_map)
         self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
@@ -271,7 +269,7 @@ class Localizer:
         factor = misfit(self._map, track)
         if state is not None:
             factor = MISFIT_MEMORY * state.misfit + (1.0 - MISFIT_MEMORY) * factor
-        around = self._keyframe_covariances[self._nearest_keyframe(track)]
+        around = self._map.keyframe_covariance[self._nearest_keyframe(track)]
         covariance, shared = map_covariance(track, around, factor)
         return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, factor)
 

@@ -41,6 +41,7 @@ SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
     "keyframe_session": (np.int32, ("K",)),
     "keyframe_depth": (np.uint16, ("K", "R", "C")),
     "camera_from_world": (np.float64, ("K", 4, 4)),
+    "keyframe_covariance": (np.float64, ("K", 6, 6)),
     "parent": (np.int32, ("K",)),
     "loop_edges": (np.int32, ("L", 2)),
     "feature_start": (np.int64, ("K+1",)),
@@ -68,8 +69,8 @@ PLACE_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
 """The same of the index of places; what its words mean is checked where it is read."""
 _SINCE_SECOND_SCHEMA = {"keyframe_session": "keyframe_stamp_s", "trajectory_session": "trajectory_stamp_s"}
 _FINITE = (
-    "camera", "keyframe_stamp_s", "camera_from_world", "feature_angle_rad", "positions", "normals", "reach",
-    "trajectory_stamp_s", "trajectory",
+    "camera", "keyframe_stamp_s", "camera_from_world", "keyframe_covariance", "feature_angle_rad", "positions",
+    "normals", "reach", "trajectory_stamp_s", "trajectory",
 )  # fmt: skip
 
 
@@ -96,7 +97,7 @@ def refuse_other_descriptors(arrays: Arrays) -> None:
 
 def checked_arrays(arrays: Arrays) -> dict[str, NDArray[Any]]:
     """Return the arrays of :data:`SHAPES`, C-contiguous. Raises SiteError with the first thing that is wrong."""
-    arrays = _with_one_session(arrays)
+    arrays = _with_what_came_later(arrays)
     lengths: dict[str, int] = {}
     checked = {name: _fitting(arrays, name, *form, lengths) for name, form in SHAPES.items()}
     for name, form in PLACE_SHAPES.items():
@@ -110,16 +111,22 @@ def checked_arrays(arrays: Arrays) -> dict[str, NDArray[Any]]:
     return checked
 
 
-def _with_one_session(arrays: Arrays) -> Arrays:
-    """Maps of the first schema were made of one recording and do not say so; their key frames kept no depth."""
+def _with_what_came_later(arrays: Arrays) -> Arrays:
+    """Return the arrays of an older schema with what it lacks.
+
+    Maps of the first were made of one recording and do not say so, and their key frames kept no depth; those of the
+    second do not say how far they can be wrong, which all zeros stand for.
+    """
     missing: dict[str, NDArray[Any]] = {
         name: np.zeros(len(arrays[like]), np.int32)
         for name, like in _SINCE_SECOND_SCHEMA.items()
         if name not in arrays and like in arrays and arrays[like].ndim
     }
-    if "keyframe_depth" not in arrays and "keyframe_stamp_s" in arrays and arrays["keyframe_stamp_s"].ndim:
-        missing["keyframe_depth"] = np.zeros((len(arrays["keyframe_stamp_s"]), 1, 1), np.uint16)
-    return {**arrays, **missing}
+    if "keyframe_stamp_s" in arrays and arrays["keyframe_stamp_s"].ndim:
+        count = len(arrays["keyframe_stamp_s"])
+        missing["keyframe_depth"] = np.zeros((count, 1, 1), np.uint16)
+        missing["keyframe_covariance"] = np.zeros((count, 6, 6))
+    return {**missing, **arrays}
 
 
 def _fitting(
@@ -180,6 +187,8 @@ def _check_geometry(arrays: dict[str, NDArray[Any]]) -> None:
     for name in ("camera_from_world", "trajectory"):
         if not _are_rigid(arrays[name]):
             raise damaged(f"{name} holds something that is no pose")
+    if not _are_covariances(arrays["keyframe_covariance"]):
+        raise damaged("keyframe_covariance holds something that is no covariance")
     for values, name in ((arrays["positions"], "positions"), (arrays["reach"], "reach")):
         if not (np.abs(values) <= MAX_COORDINATE_M).all():
             raise damaged(f"{name} holds a place farther than 100 km away")
@@ -200,3 +209,11 @@ def _are_rigid(poses: NDArray[np.float64]) -> bool:
         and (np.abs(poses[:, 3] - (0.0, 0.0, 0.0, 1.0)) < 1e-9).all()
         and (np.abs(poses[:, :3, 3]) <= MAX_COORDINATE_M).all()
     )
+
+
+def _are_covariances(covariances: NDArray[np.float64]) -> bool:
+    """Whether all are symmetric, with positive variances along every axis; or all zero, for not known."""
+    size = np.abs(covariances).max(axis=(1, 2), initial=0.0)
+    skew = np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2), initial=0.0)
+    least = np.linalg.eigvalsh(covariances)[:, 0]
+    return bool((skew <= _ORTHONORMAL * size).all() and ((least > 0).all() or not size.any()))

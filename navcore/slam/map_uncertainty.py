@@ -8,6 +8,8 @@ large variances, and those that loops tie together with small ones.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.sparse
 import scipy.sparse.linalg
@@ -30,6 +32,11 @@ _PRIOR = 1.0
 """Information (1/m², 1/rad²) on each key frame, so that the system can be inverted: next to nothing."""
 
 BoolArray = NDArray[np.bool_]
+
+
+def with_covariances(slam_map: SlamMap) -> SlamMap:
+    """Return the map with the covariances of its key frames."""
+    return replace(slam_map, keyframe_covariance=keyframe_covariances(slam_map))
 
 
 def keyframe_covariances(slam_map: SlamMap) -> FloatArray:

@@ -19,13 +19,14 @@ from navcore.slam import anchoring, mapping
 from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MIN_TRACKED, SPARSE_LANDMARKS, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor
+from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
-from navcore.slam.slam_map import SlamMap, freeze
+from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
     Track,

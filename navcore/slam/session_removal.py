@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from navcore.slam.covisibility import session_groups, spanning_parents
+from navcore.slam.freezing import freeze
 from navcore.slam.joining import trained_places
-from navcore.slam.slam_map import SlamMap, freeze
+from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import thaw
 
 

@@ -7,7 +7,7 @@ in this package; the world is the site's levelled frame once :meth:`SlamMap.tran
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
-from navcore.slam.depth_model import grid_shape
 from navcore.slam.keyframes import NO_LANDMARK, ByteArray, IntArray, SlamCamera
-from navcore.slam.map import MapBuilder
 from navcore.slam.map_arrays import (
     DESCRIPTOR_KIND,
     SHAPES,
@@ -49,6 +47,9 @@ class SlamMap:
     all zero where none was kept."""
     camera_from_world: FloatArray
     """(K, 4, 4): poses of the key frames."""
+    keyframe_covariance: FloatArray
+    """(K, 6, 6): of (camera position, rotation) in the world, of each key frame: how far the map can be wrong there;
+    see :func:`navcore.slam.map_uncertainty.keyframe_covariances`."""
     parent: IntArray
     """(K,): spanning tree, −1 at its root."""
     loop_edges: IntArray
@@ -116,9 +117,11 @@ class SlamMap:
     def transformed(self, new_from_old: FloatArray) -> SlamMap:
         """Return the same map in another world frame, ``new_from_old`` (4, 4)."""
         rotation, translation = new_from_old[:3, :3], new_from_old[:3, 3]
+        turned = np.kron(np.eye(2), rotation)
         return replace(
             self,
             camera_from_world=np.ascontiguousarray(self.camera_from_world @ np.linalg.inv(new_from_old)),
+            keyframe_covariance=np.ascontiguousarray(turned @ self.keyframe_covariance @ turned.T),
             positions=np.ascontiguousarray(self.positions @ rotation.T + translation),
             normals=np.ascontiguousarray(self.normals @ rotation.T),
             trajectory=np.ascontiguousarray(new_from_old @ self.trajectory),
@@ -158,10 +161,17 @@ class SlamMap:
             raise damaged("its index of places is incomplete") from error
         values = checked.pop("camera")
         camera = SlamCamera(int(values[0]), int(values[1]), *(float(value) for value in values[2:]))
-        return _assembled(camera, places, checked)
+        slam_map = assembled(camera, places, checked)
+        if slam_map.keyframe_covariance.any():
+            return slam_map
+        # Imported only for maps of older schemas: the device starts without it.
+        from navcore.slam.map_uncertainty import with_covariances
+
+        return with_covariances(slam_map)
 
 
-def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray[Any]]) -> SlamMap:
+def assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray[Any]]) -> SlamMap:
+    """Return the map of checked arrays (all of :data:`SHAPES` but the camera), with the tables that tracking needs."""
     start, landmark = arrays["feature_start"], arrays["feature_landmark"]
     landmark_of = _padded(start, landmark)
     observer_start, observer = _observers(start, landmark, len(arrays["positions"]))
@@ -174,70 +184,6 @@ def _assembled(camera: SlamCamera, places: PlaceIndex, arrays: dict[str, NDArray
         landmark_alive=np.ones(len(arrays["positions"]), np.bool_),
         **arrays,
     )
-
-
-def freeze(
-    builder: MapBuilder,
-    places: PlaceIndex,
-    trajectory: Sequence[tuple[float, FloatArray]],
-    trajectory_session: IntArray | None = None,
-) -> SlamMap:
-    """Return the finished map of a builder, with the place index over it and the trajectory of the recordings.
-
-    ``places`` gives the vocabulary; ``trajectory`` holds stamps and world_from_camera (4, 4), of the builder's present
-    session unless ``trajectory_session`` (T,) says otherwise.
-    """
-    given = np.full(len(trajectory), builder.session) if trajectory_session is None else trajectory_session
-    sessions = given.astype(np.int32)
-    alive = np.flatnonzero(builder.keyframe_alive)
-    counts = builder.observation_counts()
-    living = np.flatnonzero(builder.landmark_alive & (counts > 0))
-    new_landmark = np.full(builder.landmark_count + 1, NO_LANDMARK, np.int32)
-    new_landmark[living] = np.arange(len(living), dtype=np.int32)
-    new_keyframe = np.full(len(builder.keyframes) + 1, -1, np.int32)
-    new_keyframe[alive] = np.arange(len(alive), dtype=np.int32)
-    features = [builder.keyframes[k].features for k in alive.tolist()]
-    lengths = [len(f) for f in features]
-    arrays: dict[str, NDArray[Any]] = {
-        "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
-        "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
-        "keyframe_depth": _depth_grids(builder, alive),
-        "camera_from_world": builder.camera_from_world[alive],
-        "parent": new_keyframe[builder.parent[alive]],
-        "loop_edges": _renumbered([(i, j) for i, j, _ in builder.loop_edges], new_keyframe),
-        "feature_start": np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),
-        "feature_uvr_px": np.concatenate([f.uvr_px for f in features]).astype(np.float32),
-        "feature_octave": np.concatenate([f.octave for f in features]).astype(np.uint8),
-        "feature_angle_rad": np.concatenate([f.angle_rad for f in features]).astype(np.float32),
-        "feature_descriptor": np.concatenate([f.descriptors for f in features]),
-        "feature_landmark": new_landmark[
-            np.concatenate([builder.landmark_of[k, :n] for k, n in zip(alive.tolist(), lengths, strict=True)])
-        ],
-        "positions": builder.positions[living],
-        "normals": builder.normals[living],
-        "reach": builder.reach[living],
-        "descriptors": builder.descriptors[living],
-        "trajectory_stamp_s": np.array([stamp for stamp, _ in trajectory], dtype=np.float64),
-        "trajectory_session": sessions,
-        "trajectory": np.array([pose for _, pose in trajectory], dtype=np.float64).reshape(-1, 4, 4),
-    }
-    index = PlaceIndex(places.vocabulary)
-    for k, feature in zip(alive.tolist(), features, strict=True):
-        index.add(int(new_keyframe[k]), feature.descriptors)
-    return _assembled(builder.camera, index, arrays)
-
-
-def _depth_grids(builder: MapBuilder, alive: Int64Array) -> NDArray[np.uint16]:
-    grids = np.zeros((len(alive), *grid_shape(builder.camera)), np.uint16)
-    for place, keyframe in enumerate(alive.tolist()):
-        if keyframe in builder.depth_grids:
-            grids[place] = builder.depth_grids[keyframe]
-    return grids
-
-
-def _renumbered(edges: list[tuple[int, int]], new_keyframe: IntArray) -> IntArray:
-    kept = [(new_keyframe[i], new_keyframe[j]) for i, j in edges if new_keyframe[i] >= 0 and new_keyframe[j] >= 0]
-    return np.array(kept, dtype=np.int32).reshape(-1, 2)
 
 
 def _padded(start: Int64Array, landmark: IntArray) -> IntArray:

@@ -16,6 +16,7 @@ from device_agent.voice import Voice
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
 from navcore.guide import guide
+from navcore.obstacle.memory import remember, with_memory
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
@@ -25,6 +26,7 @@ from navcore.types import (
     Localization,
     LocalizationQuality,
     ObstacleScan,
+    Pose2D,
     Reason,
     SonarReading,
 )
@@ -99,6 +101,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
+        state, scan = _remembering(state, scan, pose if sure else None, frame.stamp_s)
         sonar = _sonar(ports, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
@@ -108,6 +111,16 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     state, arrived = _after(replace(state, guidance=guidance))
     cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
     return state, cycle, (*effects, *planned, *arrived)
+
+
+def _remembering(
+    state: DeviceState, scan: ObstacleScan, pose: Pose2D | None, stamp_s: float
+) -> tuple[DeviceState, ObstacleScan]:
+    """Add what is out of the image now. Without a sure pose nobody knows where that is."""
+    if pose is None:
+        return state, scan
+    obstacles = remember(state.obstacles, scan, pose, stamp_s)
+    return replace(state, obstacles=obstacles), with_memory(scan, obstacles, pose, state.settings.obstacle)
 
 
 def _sonar(ports: Ports, stamp_s: float) -> SonarReading | None:

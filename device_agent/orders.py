@@ -22,6 +22,7 @@ from device_agent.state import (
 )
 from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
+from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
     ApplySettings,
@@ -75,6 +76,7 @@ def at_rest(state: DeviceState) -> Step:
         # The route and all that is remembered belong to the old map's frame of reference.
         state = replace(
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
+            obstacles=ObstacleMemory(),
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.way_finding import Blockage, WayFinder
 from navcore.settings import Settings
@@ -66,6 +67,8 @@ class DeviceState:
     route_version: int = 0
     guidance: Guidance | None = None
     """The previous guidance: the only memory of route following."""
+    obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
+    """What was in the way a moment ago and may be out of the image now."""
     off_route_since_s: float | None = None
     blocked: tuple[BlockedPlace, ...] = ()
     """Places where something stood in the way, newest last."""

@@ -28,7 +28,7 @@ from navcore.follower.direction import (
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
 from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
-from navcore.follower.road_centred import walking_speed_m_s
+from navcore.follower.road_centred import walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
 from navcore.settings import Settings
@@ -318,9 +318,9 @@ def _is_finite(pose: Pose2D) -> bool:
     return math.isfinite(pose.x_m) and math.isfinite(pose.y_m) and math.isfinite(pose.heading)
 
 
-def _speed_m_s(cycle: _Cycle, pose: Pose2D) -> float:
+def _velocity_m_s(cycle: _Cycle, pose: Pose2D) -> tuple[float, float]:
     before = cycle.previous
-    return 0.0 if before is None else walking_speed_m_s(before.trace, cycle.stamp_s - before.stamp_s, pose)
+    return (0.0, 0.0) if before is None else walking_velocity_m_s(before.trace, cycle.stamp_s - before.stamp_s, pose)
 
 
 def _is_off_road(trace: DecisionTrace, settings: Settings) -> bool:
@@ -352,7 +352,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
         position=None if pose is None else (pose.x_m, pose.y_m),
-        speed_m_s=0.0 if pose is None else _speed_m_s(cycle, pose),
+        velocity_m_s=(0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose),
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
         sonar_state=cycle.sonar.state,

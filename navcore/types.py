@@ -298,6 +298,12 @@ class ObstacleScan:
     """Share of the image's pixels that carry a depth, 0–1."""
     nearest_ahead_m: float | None = None
     """Distance to the nearest obstacle or drop inside the person's own corridor straight ahead; None where free."""
+    top_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Height (n,) above the floor of what is nearest in each bearing; 0 for a drop and where nothing is."""
+    steepest: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """How steeply down (n,) the image shows each bearing, metres down for each metre ahead."""
+    eye_m: float = math.nan
+    """Height of the camera above the floor."""
 
 
 # ---------------------------------------------------------------------------------------------------- guidance
@@ -394,8 +400,8 @@ class DecisionTrace:
     """θ_c."""
     position: tuple[float, float] | None = None
     """Where the walker was, metres; None where nothing is known."""
-    speed_m_s: float = 0.0
-    """How fast the walker has been walking lately."""
+    velocity_m_s: tuple[float, float] = (0.0, 0.0)
+    """How fast the walker has been walking lately, and where to, in the world."""
     expected: WorldAngle | None = None
     """θ_exp (Eq. 3)."""
     sub_goal: SubGoal | None = None
@@ -432,6 +438,11 @@ class DecisionTrace:
     """Since when the pose has not been sure; None while it is."""
     rule: str = ""
     """The rule that decided, in a few words."""
+
+    @property
+    def speed_m_s(self) -> float:
+        """How fast the walker has been walking lately."""
+        return math.hypot(*self.velocity_m_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """What is in the way in Experiment 2: standing, low, overhanging, of glass, a drop, and people, on each of the paths.
 
 Where things are is fixed for each path, as it was for the paper's people; when the people come depends on the seed.
-All of them leave a way that is at least as wide as a door (1.2 m), as things in corridors do.
+Beside what stands there is room for a person, and people who walk stop rather than walk into somebody.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ def glass_screen(x_m: float, y_m: float, yaw_deg: float = 0.0, width_m: float = 
 COURSES = {
     "A→B": Course(
         (carton(12.2, 5.75, 20.0), hanging_box(9.4, 6.5)),
-        (walking_person(((7.6, 11.8), (7.6, 6.4)), 0.8),),
+        (walking_person(((6.2, 8.3), (7.8, 8.3)), 0.8),),
     ),
     "D→C": Course(
         (low_box(21.0, 14.35), glass_screen(22.55, 11.9), furniture.chair().moved(24.9, 10.75, 30.0)),
-        (walking_person(((23.5, 8.0), (23.5, 13.2)), 0.9, colour="#3c6e4a"),),
+        (walking_person(((23.75, 8.0), (23.75, 13.2)), 0.9, colour="#3c6e4a"),),
     ),
     "E→B": Course(
         (low_box(7.35, 11.6, 15.0), carton(6.7, 13.6, 10.0)),
-        (walking_person(((8.2, 14.6), (12.8, 14.6)), 1.0, colour="#4a4f8a"),),
+        (walking_person(((8.2, 14.75), (12.8, 14.75)), 1.0, colour="#4a4f8a"),),
         (9.0, 12.95, 9.7, 13.65),
     ),
 }

@@ -137,15 +137,16 @@ class Building:
         )
         return emptied.with_pieces(*pieces)
 
-    def placements_at(self, time_s: float) -> tuple[Placement | None, ...]:
-        """Return where the moving things are; None for those that are not there."""
-        return tuple(mover.placement_at(time_s) for mover in self.movers)
+    def placements_at(self, time_s: float, waited_s: Sequence[float] | None = None) -> tuple[Placement | None, ...]:
+        """Return where the moving things are; None for those that are not there. ``waited_s``: how long each stood."""
+        waits = [0.0] * len(self.movers) if waited_s is None else waited_s
+        return tuple(mover.placement_at(time_s - wait_s) for mover, wait_s in zip(self.movers, waits, strict=True))
 
-    def moving_solids_at(self, time_s: float) -> tuple[Solid, ...]:
+    def moving_solids(self, placements: Sequence[Placement | None]) -> tuple[Solid, ...]:
         """Return the solids of the moving things, where they are."""
         return tuple(
             solid.moved(placement.x_m, placement.y_m, 0.0, placement.yaw_rad)
-            for mover, placement in zip(self.movers, self.placements_at(time_s), strict=True)
+            for mover, placement in zip(self.movers, placements, strict=True)
             if placement is not None
             for solid in mover.poses[0].solids
         )

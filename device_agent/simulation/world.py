@@ -19,7 +19,7 @@ from device_agent.simulation.building import (
 )
 from device_agent.simulation.conditions import EASY, Conditions, captured
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
-from device_agent.simulation.renderer import Renderer
+from device_agent.simulation.renderer import Placement, Renderer
 from device_agent.simulation.sensors import (
     USUAL_COLOUR_NOISE,
     USUAL_DEPTH_NOISE,
@@ -37,6 +37,8 @@ from navcore.types import CameraIntrinsics, Frame, SonarReading
 
 _TICK_S = 0.02
 _LONGEST_S = 600.0
+_POLITE_M = 0.9
+"""Somebody who walks about stops when another is so near before them."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,6 +108,7 @@ class SimulatedWorld:
         self._body = WalkerBody(start_s, start.x_m, start.y_m, start.heading_rad)
         self._phase_rad = 0.0
         self._frames = self._pings = 0
+        self._waited_s = [0.0] * len(building.movers)
         self._log: list[tuple[float, float, float, float, int]] = []
         self._lock = threading.RLock()
         self._note()
@@ -146,7 +149,7 @@ class SimulatedWorld:
         """Return what the camera captures now."""
         with self._lock:
             time_s, head = self._body.time_s, self._head()
-            view = self._renderer.render(self.camera, head, self.building.placements_at(time_s - self._start_s))
+            view = self._renderer.render(self.camera, head, self._placements(time_s))
             yaw_rate_rad_s = self._body.yaw_rate_rad_s
             number, self._frames = self._frames, self._frames + 1
         since_start_s = time_s - self._start_s
@@ -159,8 +162,7 @@ class SimulatedWorld:
         with self._lock:
             time_s = self._body.time_s
             number, self._pings = self._pings, self._pings + 1
-            placements = self.building.placements_at(time_s - self._start_s)
-            return self._sonar_model.measure(time_s, self._head(), number, placements)
+            return self._sonar_model.measure(time_s, self._head(), number, self._placements(time_s))
 
     def truth(self) -> WalkerBody:
         """Return where the walker truly is. For evaluation only."""
@@ -179,10 +181,26 @@ class SimulatedWorld:
         return TruthLog(table[:, 0], table[:, 1:3], table[:, 3], table[:, 4].astype(np.int64))
 
     def _tick(self, dt_s: float) -> None:
-        moving = touchable(self.building.moving_solids_at(self._body.time_s + dt_s - self._start_s))
+        placements = self._placements(self._body.time_s + dt_s)
+        self._let_wait(placements, dt_s)
+        moving = touchable(self.building.moving_solids(placements))
         self._body = step(self._body, self._walker, self._solids, moving, dt_s, self._rng)
         self._phase_rad = advance_phase(self._phase_rad, self._body.speed_mps, dt_s, self._gait)
         self._note()
+
+    def _placements(self, time_s: float) -> tuple[Placement | None, ...]:
+        return self.building.placements_at(time_s - self._start_s, self._waited_s)
+
+    def _let_wait(self, placements: tuple[Placement | None, ...], dt_s: float) -> None:
+        """People who see walk into nobody: they stand while the walker is right in front of them."""
+        body = self._body
+        for number, placement in enumerate(placements):
+            if placement is None:
+                continue
+            dx_m, dy_m = body.x_m - placement.x_m, body.y_m - placement.y_m
+            ahead = math.cos(placement.yaw_rad) * dx_m + math.sin(placement.yaw_rad) * dy_m
+            if ahead > 0.0 and math.hypot(dx_m, dy_m) < _POLITE_M:
+                self._waited_s[number] += dt_s
 
     def _note(self) -> None:
         body = self._body

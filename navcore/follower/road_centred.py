@@ -40,13 +40,18 @@ class Corner:
     """Left positive."""
 
 
-def walking_speed_m_s(before: DecisionTrace, gap_s: float, pose: Pose2D) -> float:
-    """Return how fast the walker has been walking lately, m/s, from the frame before, ``gap_s`` ago; 0 if unknown."""
+def walking_velocity_m_s(before: DecisionTrace, gap_s: float, pose: Pose2D) -> tuple[float, float]:
+    """Return how the walker has been moving lately, m/s in the world, from the frame before; 0 where it is unknown.
+
+    As a vector, so that a pose that trembles is not taken for a walk. ``gap_s`` is the time since that frame.
+    """
     if before.position is None or not 0.0 < gap_s <= _LONGEST_GAP_S:
-        return 0.0
-    moved_m = math.hypot(pose.x_m - before.position[0], pose.y_m - before.position[1])
+        return 0.0, 0.0
+    moved_m = pose.x_m - before.position[0], pose.y_m - before.position[1]
+    scale = min(1.0 / gap_s, _FASTEST_M_S / max(math.hypot(*moved_m), 1e-9))
     share = 1.0 - math.exp(-gap_s / _SPEED_MEMORY_S)
-    return before.speed_m_s + share * (min(moved_m / gap_s, _FASTEST_M_S) - before.speed_m_s)
+    old_x, old_y = before.velocity_m_s
+    return old_x + share * (scale * moved_m[0] - old_x), old_y + share * (scale * moved_m[1] - old_y)
 
 
 def stopping_distance_m(speed_m_s: float, settings: FollowerSettings) -> float:

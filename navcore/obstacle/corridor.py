@@ -22,18 +22,26 @@ _MAX_FREE_WIDTH_M = 3.0
 
 
 def candidate_directions(
-    bearing_rad: FloatArray, nearest_m: FloatArray, state: NDArray[np.int8], settings: ObstacleSettings, max_m: float
+    bearing_rad: FloatArray,
+    nearest_m: FloatArray,
+    state: NDArray[np.int8],
+    settings: ObstacleSettings,
+    max_m: float,
+    unseen: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0)),
 ) -> tuple[CandidateDirection, ...]:
     """Return D: every direction, a few degrees apart, in which the corridor is free beyond the stop distance.
 
-    Which of them are free far enough is the follower's to say: that depends on how far the sub-goal is.
+    Which of them are free far enough is the follower's to say: that depends on how far the sub-goal is. ``unseen`` are
+    bearings (m,) and distances (m,) of what the image does not show and is there nevertheless.
     """
     if len(bearing_rad) == 0:
         return ()
     step_rad = math.radians(settings.candidate_step_deg)
     reach = int(max(-bearing_rad[0], bearing_rad[-1]) / step_rad)
     angles = np.asarray(np.arange(-reach, reach + 1) * step_rad, dtype=np.float64)
-    along, aside = _in_corridor_axes(bearing_rad, nearest_m, angles)
+    along, aside = _in_corridor_axes(
+        np.concatenate([bearing_rad, unseen[0]]), np.concatenate([nearest_m, unseen[1]]), angles
+    )
     inside = (along > 0.0) & (np.abs(aside) < settings.person_width_m / 2)
     free_m = np.where(inside, along, max_m).min(axis=1, initial=max_m)
     walkable = _are_known(bearing_rad, state, angles, settings) & (free_m > settings.stop_distance_m)

@@ -37,12 +37,16 @@ class PolarGrid:
     obstacle_count: NDArray[np.int32]
     obstacle_sum_m: FloatArray
     """Sum of the horizontal distances of the points in each cell."""
+    obstacle_top_m: FloatArray
+    """Height of the highest of them above the floor; 0 where there is none."""
     drop_count: NDArray[np.int32]
     """Rays that pass through the floor in this cell: its edge."""
     ray_count: NDArray[np.int32]
     """Rays (n,) that should have met the floor, or something that stands on it."""
     valid_count: NDArray[np.int32]
     """Those of them (n,) that measured something."""
+    steepest: FloatArray
+    """How steeply down (n,) the image shows each bearing: metres down for each metre ahead; 0 where only upwards."""
     valid_fraction: float
     """Share of all pixels that carry a depth."""
 
@@ -55,18 +59,21 @@ def polar_grid(
     bearings = 2 * round(MAX_BEARING_RAD / BEARING_STEP_RAD)
     shape = (bearings, round(MAX_RANGE_M / RANGE_STEP_M))
     obstacle_count, drop_count = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
-    obstacle_sum_m = np.zeros(shape, np.float64)
+    obstacle_sum_m, obstacle_top_m = np.zeros(shape, np.float64), np.zeros(shape, np.float64)
+    steepest = np.zeros(bearings, np.float64)
     ray_count, valid_count = np.zeros(bearings, np.int32), np.zeros(bearings, np.int32)
     camera = np.array([intrinsics.fx_px, intrinsics.fy_px, intrinsics.cx_px, intrinsics.cy_px])
     heights = np.array([levelling.height_m, settings.low_height_m, settings.head_height_m, settings.drop_depth_m])
     measured, total = _fill(
         np.ascontiguousarray(depth_m, dtype=np.float32), stride, camera,
         np.ascontiguousarray(levelling.level_from_camera, dtype=np.float64), heights,
-        obstacle_count, obstacle_sum_m, drop_count, ray_count, valid_count,
+        obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, ray_count, valid_count, steepest,
     )  # fmt: skip
     middles = np.asarray((np.arange(bearings) + 0.5) * BEARING_STEP_RAD - MAX_BEARING_RAD, dtype=np.float64)
     fraction = measured / total if total else 0.0
-    return PolarGrid(middles, obstacle_count, obstacle_sum_m, drop_count, ray_count, valid_count, fraction)
+    return PolarGrid(
+        middles, obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, ray_count, valid_count, steepest, fraction
+    )  # fmt: skip
 
 
 @kernel
@@ -78,9 +85,11 @@ def _fill(  # noqa: C901 - one pass over the image; a kernel is not cut up
     heights: FloatArray,
     obstacle_count: NDArray[np.int32],
     obstacle_sum_m: FloatArray,
+    obstacle_top_m: FloatArray,
     drop_count: NDArray[np.int32],
     ray_count: NDArray[np.int32],
     valid_count: NDArray[np.int32],
+    steepest: FloatArray,
 ) -> tuple[int, int]:
     height_px, width_px = depth_m.shape
     fx, fy, cx, cy = camera[0], camera[1], camera[2], camera[3]
@@ -106,6 +115,7 @@ def _fill(  # noqa: C901 - one pass over the image; a kernel is not cut up
             bearing = math.floor((math.atan2(left, forward) + MAX_BEARING_RAD) / BEARING_STEP_RAD)
             if bearing < 0 or bearing >= bearings:
                 continue
+            steepest[bearing] = max(steepest[bearing], -up / across)
             if up < 0.0 and eye_m * across < -up * _EXPECTED_FLOOR_M:
                 ray_count[bearing] += 1
                 if valid:
@@ -120,6 +130,7 @@ def _fill(  # noqa: C901 - one pass over the image; a kernel is not cut up
                 if above_m < head_m and cell < ranges:
                     obstacle_count[bearing, cell] += 1
                     obstacle_sum_m[bearing, cell] += range_m
+                    obstacle_top_m[bearing, cell] = max(obstacle_top_m[bearing, cell], above_m)
             elif above_m < -(drop_m + slack_m):
                 # The ray went through the floor on its way: there is the edge, at the latest.
                 cell = int(range_m * eye_m / (eye_m - above_m) / RANGE_STEP_M)

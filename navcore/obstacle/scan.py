@@ -1,7 +1,8 @@
 """From a depth image to what stands in the way and where one can walk (reference [13] of the paper, reconstructed).
 
 The blind wedge: a camera at eye height, pitched 15° down, sees the floor from about 1.8 m on, and nothing low that is
-nearer. What is too near and too low to be seen has been seen before, from farther away; this scan is of one image.
+nearer. What is too near and too low to be seen has been seen before, from farther away: :mod:`memory` keeps it. This
+scan is of one image.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ _MIN_OBSTACLE_POINTS = 4
 """Points in a cell and the next one before something stands there: flying pixels and noise are fewer."""
 _MIN_DROP_POINTS = 8
 """A glossy floor mirrors points to below it, so more are asked for."""
+_TOP_CELLS = 3
 _MIN_VALID_SHARE = 0.3
 _MIN_RAY_SHARE = 0.4
 """Bearings with fewer rays than this share of the usual are beside the image."""
@@ -56,13 +58,14 @@ def scan_levelled(
     grid = polar_grid(depth_m, intrinsics, levelling, settings)
     seen = _bearings_in_image(grid)
     bearing_rad = grid.bearing_rad[seen]
-    nearest_m, state = _nearest(grid)
-    nearest_m, state = nearest_m[seen], state[seen]
+    nearest_m, top_m, state = _nearest(grid)
+    nearest_m, top_m, state = nearest_m[seen], top_m[seen], state[seen]
     ahead_m = clearance_ahead_m(bearing_rad, nearest_m, settings.person_width_m, MAX_RANGE_M)
     return ObstacleScan(
         bearing_rad, nearest_m, state,
         candidate_directions(bearing_rad, nearest_m, state, settings, MAX_RANGE_M),
         grid.valid_fraction, ahead_m if ahead_m < MAX_RANGE_M else None,
+        top_m, grid.steepest[seen], levelling.height_m,
     )  # fmt: skip
 
 
@@ -73,11 +76,11 @@ def nothing_known(depth_m: DepthImage) -> ObstacleScan:
     return ObstacleScan(empty, empty, np.zeros(0, dtype=np.int8), (), fraction)
 
 
-def _nearest(grid: PolarGrid) -> tuple[FloatArray, NDArray[np.int8]]:
-    """Return distance and state of each bearing: the first cells that hold enough points."""
-    obstacle_m = _first_cell_m(grid.obstacle_count, grid.obstacle_sum_m, _MIN_OBSTACLE_POINTS)
+def _nearest(grid: PolarGrid) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]:
+    """Return distance, height and state of each bearing: the first cells that hold enough points."""
+    obstacle_m, first = _first_cell_m(grid.obstacle_count, grid.obstacle_sum_m, _MIN_OBSTACLE_POINTS)
     middles = (np.arange(grid.drop_count.shape[1]) + 0.5) * RANGE_STEP_M
-    drop_m = _first_cell_m(grid.drop_count, grid.drop_count * middles, _MIN_DROP_POINTS)
+    drop_m, _ = _first_cell_m(grid.drop_count, grid.drop_count * middles, _MIN_DROP_POINTS)
     state = np.full(len(obstacle_m), BearingState.FREE, dtype=np.int8)
     state[np.isfinite(obstacle_m)] = BearingState.OBSTACLE
     state[drop_m < obstacle_m] = BearingState.DROP
@@ -87,18 +90,26 @@ def _nearest(grid: PolarGrid) -> tuple[FloatArray, NDArray[np.int8]]:
     unknown &= ~np.isfinite(nearest_m)
     state[unknown] = BearingState.UNKNOWN
     nearest_m[unknown] = np.nan
-    return nearest_m, state
+    return nearest_m, np.where(state == BearingState.OBSTACLE, _top_m(grid, first), 0.0), state
 
 
-def _first_cell_m(count: NDArray[np.int32], sum_m: FloatArray, min_count: int) -> FloatArray:
-    """Return, for each bearing, the mean distance in the first two neighbouring cells that hold enough points."""
+def _top_m(grid: PolarGrid, first: NDArray[np.intp]) -> FloatArray:
+    """Return how high (n,) what begins in a cell is there and in the next ones: an upper edge may lie farther back."""
+    last = grid.obstacle_top_m.shape[1] - 1
+    rows = np.arange(len(first))
+    tops = [grid.obstacle_top_m[rows, np.minimum(first + step, last)] for step in range(_TOP_CELLS)]
+    return np.asarray(np.max(tops, axis=0), dtype=np.float64)
+
+
+def _first_cell_m(count: NDArray[np.int32], sum_m: FloatArray, min_count: int) -> tuple[FloatArray, NDArray[np.intp]]:
+    """Return, for each bearing, the mean distance in the first two neighbouring cells with enough points, and which."""
     both = count[:, :-1] + count[:, 1:]
     sums = sum_m[:, :-1] + sum_m[:, 1:]
     enough = both >= min_count
     first = np.argmax(enough, axis=1)
     rows = np.arange(len(count))
     mean_m = sums[rows, first] / np.maximum(both[rows, first], 1)
-    return np.where(enough.any(axis=1), mean_m, np.inf)
+    return np.where(enough.any(axis=1), mean_m, np.inf), first
 
 
 def _bearings_in_image(grid: PolarGrid) -> NDArray[np.bool_]:

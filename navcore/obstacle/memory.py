@@ -1,0 +1,155 @@
+"""What was seen to be in the way a moment ago and is out of the image now, at the walker's feet or beside them.
+
+A camera at eye height sees nothing low that is nearer than about 1.8 m, and a walker who turns loses sight of what is
+beside them. So what a scan has found is kept for a while, in the map, with its height. It is forgotten where the image
+would show it and does not (somebody has walked on), and in the course of time. What is remembered only ever closes a
+direction: nothing becomes free by being forgotten that the present image does not show to be free.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from navcore.geometry import FloatArray
+from navcore.obstacle.corridor import candidate_directions, clearance_ahead_m
+from navcore.obstacle.polar_grid import MAX_RANGE_M
+from navcore.settings import ObstacleSettings
+from navcore.types import BearingState, ObstacleScan, Pose2D
+
+CELL_M = 0.1
+_KEPT_WITHIN_M = 3.0
+"""Farther away nothing is taken up, and what was taken up is forgotten: it will be seen again."""
+_LOW_M = 0.9
+"""What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
+_FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
+_SEEN_TWICE = 2
+"""Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
+_GONE_MARGIN_M = 0.3
+_INSIDE_IMAGE = 0.95
+_MAX_PLACES = 4000
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ObstacleMemory:
+    """Places on the floor (k, 2), in cells, where something stood, or the floor ended."""
+
+    cell: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
+    top_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Height (k,); 0 for a drop."""
+    seen_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """When (k,) it was last seen."""
+    seen_count: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+
+    @property
+    def places_m(self) -> FloatArray:
+        """Middles (k, 2) of the cells, metres, in the map."""
+        return np.asarray((self.cell + 0.5) * CELL_M, dtype=np.float64)
+
+    def kept(self, which: NDArray[np.bool_]) -> ObstacleMemory:
+        """Return some of it."""
+        return ObstacleMemory(self.cell[which], self.top_m[which], self.seen_s[which], self.seen_count[which])
+
+
+def remember(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> ObstacleMemory:
+    """Return what is remembered after a scan at a pose: the old that may still be there, and the new."""
+    memory = memory.kept(_may_be_there(memory, scan, pose, now_s))
+    near = np.isfinite(scan.nearest_m) & (scan.nearest_m < _KEPT_WITHIN_M)
+    angles = scan.bearing_rad[near] + pose.heading
+    points = np.stack([np.cos(angles), np.sin(angles)], axis=1) * scan.nearest_m[near, None] + (pose.x_m, pose.y_m)
+    fresh = ObstacleMemory(
+        np.floor(points / CELL_M).astype(np.int64), scan.top_m[near],
+        np.full(len(points), now_s), np.ones(len(points), np.int64),
+    )  # fmt: skip
+    return _merged(memory, fresh)
+
+
+def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settings: ObstacleSettings) -> ObstacleScan:
+    """Return the scan with what is remembered and not in the image; it only ever gets less free.
+
+    A bearing of the image is closed where something remembered is nearer than what is seen; directions are tested
+    against what is remembered beside the image as well.
+    """
+    sure = memory.kept(memory.seen_count >= _SEEN_TWICE)
+    bearing_rad, range_m = _from(pose, sure.places_m)
+    if not len(range_m) or not len(scan.bearing_rad):
+        return scan
+    nearest_m, state = _closed(scan, bearing_rad, range_m, sure.top_m)
+    everywhere = np.concatenate([scan.bearing_rad, bearing_rad]), np.concatenate([nearest_m, range_m])
+    ahead_m = clearance_ahead_m(*everywhere, settings.person_width_m, MAX_RANGE_M)
+    return replace(
+        scan,
+        nearest_m=nearest_m,
+        state=state,
+        candidates=candidate_directions(
+            scan.bearing_rad, nearest_m, state, settings, MAX_RANGE_M, (bearing_rad, range_m)
+        ),
+        nearest_ahead_m=ahead_m if ahead_m < MAX_RANGE_M else None,
+    )
+
+
+def _closed(
+    scan: ObstacleScan, bearing_rad: FloatArray, range_m: FloatArray, top_m: FloatArray
+) -> tuple[FloatArray, NDArray[np.int8]]:
+    """Return distance and state of the image's bearings, with what is remembered in them."""
+    nearest_m, state = scan.nearest_m.copy(), scan.state.copy()
+    index = _bearing_index(scan, bearing_rad)
+    for k in np.flatnonzero(index >= 0).tolist():
+        i = index[k]
+        # NaN, unknown, is not nearer: something known to be there makes it known to be closed.
+        if not nearest_m[i] <= range_m[k]:
+            nearest_m[i] = range_m[k]
+            state[i] = BearingState.OBSTACLE if top_m[k] > 0.0 else BearingState.DROP
+    return nearest_m, state
+
+
+def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> NDArray[np.bool_]:
+    """Return which places (k,) are neither too old, nor too far away, nor seen to be empty now."""
+    bearing_rad, range_m = _from(pose, memory.places_m)
+    patience_s = np.where(memory.top_m < _LOW_M, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
+    young = np.abs(now_s - memory.seen_s) <= patience_s
+    index = _bearing_index(scan, bearing_rad)
+    inside = index >= 0
+    at = np.maximum(index, 0)
+    if not len(scan.bearing_rad):
+        return young & (range_m < _KEPT_WITHIN_M)
+    down = (scan.eye_m - memory.top_m) / np.maximum(range_m, 1e-6)
+    shown = inside & (down < _INSIDE_IMAGE * scan.steepest[at])
+    # What is unknown now (NaN) does not show that anything has gone.
+    gone = shown & (scan.nearest_m[at] > range_m + _GONE_MARGIN_M)
+    return np.asarray(young & (range_m < _KEPT_WITHIN_M) & ~gone)
+
+
+def _bearing_index(scan: ObstacleScan, bearing_rad: FloatArray) -> NDArray[np.intp]:
+    """Return which bearing of the scan each one (k,) falls in; −1 beside the image."""
+    if len(scan.bearing_rad) < 2:
+        return np.full(len(bearing_rad), -1, np.intp)
+    step_rad = float(scan.bearing_rad[1] - scan.bearing_rad[0])
+    at = np.rint((bearing_rad - scan.bearing_rad[0]) / step_rad).astype(np.intp)
+    return np.where((at >= 0) & (at < len(scan.bearing_rad)), at, -1)
+
+
+def _from(pose: Pose2D, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return bearings (k,) relative to the heading, and distances (k,)."""
+    offset = places_m - (pose.x_m, pose.y_m)
+    angle = np.arctan2(offset[:, 1], offset[:, 0]) - pose.heading
+    return (angle + math.pi) % math.tau - math.pi, np.hypot(offset[:, 0], offset[:, 1])
+
+
+def _merged(old: ObstacleMemory, new: ObstacleMemory) -> ObstacleMemory:
+    """Return both; a cell that is in both has been seen once more, and is as high as it was ever seen to be."""
+    cells, place = np.unique(np.concatenate([old.cell, new.cell]), axis=0, return_inverse=True)
+    place = place.reshape(-1)
+    was, now = place[: len(old.cell)], place[len(old.cell) :]
+    top_m, seen_s, count = np.zeros(len(cells)), np.full(len(cells), -np.inf), np.zeros(len(cells), np.int64)
+    top_m[was], seen_s[was], count[was] = old.top_m, old.seen_s, old.seen_count
+    np.maximum.at(top_m, now, new.top_m)
+    seen_s[now] = new.seen_s
+    count[np.unique(now)] += 1
+    merged = ObstacleMemory(cells, top_m, seen_s, count)
+    if len(cells) <= _MAX_PLACES:
+        return merged
+    return merged.kept(seen_s >= np.partition(seen_s, -_MAX_PLACES)[-_MAX_PLACES])

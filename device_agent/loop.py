@@ -16,6 +16,7 @@ from device_agent.voice import Voice
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
 from navcore.guide import guide
+from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, with_memory
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
@@ -26,7 +27,6 @@ from navcore.types import (
     Localization,
     LocalizationQuality,
     ObstacleScan,
-    Pose2D,
     Reason,
     SonarReading,
 )
@@ -101,7 +101,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
-        state, scan = _remembering(state, scan, pose if sure else None, frame.stamp_s)
+        state, scan = _with_what_was_seen(state, scan, located, frame.stamp_s)
         sonar = _sonar(ports, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
@@ -113,14 +113,20 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     return state, cycle, (*effects, *planned, *arrived)
 
 
-def _remembering(
-    state: DeviceState, scan: ObstacleScan, pose: Pose2D | None, stamp_s: float
+def _with_what_was_seen(
+    state: DeviceState, scan: ObstacleScan, located: Localization, stamp_s: float
 ) -> tuple[DeviceState, ObstacleScan]:
-    """Add what is out of the image now. Without a sure pose nobody knows where that is."""
-    if pose is None:
-        return state, scan
+    """Add to a scan what is out of the image now, and where that will be which comes towards the walker.
+
+    Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since.
+    """
+    pose, settings = located.pose, state.settings.obstacle
+    if pose is None or located.quality is LocalizationQuality.LOST:
+        return replace(state, recent_scans=()), scan
     obstacles = remember(state.obstacles, scan, pose, stamp_s)
-    return replace(state, obstacles=obstacles), with_memory(scan, obstacles, pose, state.settings.obstacle)
+    recent = with_scan(state.recent_scans, scan, pose, stamp_s)
+    coming = anticipated(scan, closing_speed_m_s(recent), settings)
+    return replace(state, obstacles=obstacles, recent_scans=recent), with_memory(coming, obstacles, pose, settings)
 
 
 def _sonar(ports: Ports, stamp_s: float) -> SonarReading | None:

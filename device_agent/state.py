@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Literal
 
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.way_finding import Blockage, WayFinder
@@ -69,6 +70,8 @@ class DeviceState:
     """The previous guidance: the only memory of route following."""
     obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
     """What was in the way a moment ago and may be out of the image now."""
+    recent_scans: RecentScans = ()
+    """What was seen in the last moments, to tell what comes from what stands."""
     off_route_since_s: float | None = None
     blocked: tuple[BlockedPlace, ...] = ()
     """Places where something stood in the way, newest last."""

@@ -355,6 +355,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         velocity_m_s=(0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose),
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
+        closing_m_s=float(cycle.scan.closing_m_s.max(initial=0.0)),
         sonar_state=cycle.sonar.state,
         sonar_m=echo_distance_m(cycle.sonar),
         stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,

@@ -95,6 +95,8 @@ class ObstacleSettings(_Group):
     """Angle between neighbouring candidate directions."""
     leave_frames_count: int = _setting(3, 1, 10, step=1, source="design", safety=True)
     """Free frames in a row that are needed before walking again after a stop."""
+    approach_horizon_s: float = _setting(1.0, 0.0, 3.0, step=0.1, source="reaction 0.7 s, braking 0.3 s", safety=True)
+    """What comes towards the walker counts as being where it will be after this time."""
 
 
 class FollowerSettings(_Group):

@@ -304,6 +304,8 @@ class ObstacleScan:
     """How steeply down (n,) the image shows each bearing, metres down for each metre ahead."""
     eye_m: float = math.nan
     """Height of the camera above the floor."""
+    closing_m_s: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """How fast (n,) what is nearest in each bearing comes towards the walker by itself; 0 where it stands."""
 
 
 # ---------------------------------------------------------------------------------------------------- guidance
@@ -419,6 +421,8 @@ class DecisionTrace:
     candidates: tuple[CandidateDirection, ...] = ()
     """D."""
     nearest_ahead_m: float | None = None
+    closing_m_s: float = 0.0
+    """How fast what comes towards the walker comes; 0 where everything stands."""
     sonar_state: SonarState = SonarState.ABSENT
     sonar_m: float | None = None
     """d_ultra."""

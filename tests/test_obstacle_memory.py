@@ -1,0 +1,121 @@
+"""What was seen in the way stays in the way when it leaves the image, until the image shows that it has gone."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image
+from hypothesis import given
+from hypothesis import strategies as st
+
+from navcore.angles import world_angle
+from navcore.geometry import world_from_camera_at
+from navcore.obstacle.memory import CELL_M, ObstacleMemory, remember, with_memory
+from navcore.obstacle.scan import scan
+from navcore.settings import ObstacleSettings
+from navcore.types import BearingState, ObstacleScan, Pose2D
+
+SETTINGS = ObstacleSettings()
+LOW_BOX = box(2.5, -0.2, 2.9, 0.2, 0.3)
+TALL_BOX = box(2.5, -0.2, 2.9, 0.2, 1.7)
+
+
+def seen(solids, x_m: float, heading_deg: float = 0.0) -> tuple[ObstacleScan, Pose2D]:
+    heading = math.radians(heading_deg)
+    camera = world_from_camera_at((x_m, 0.0, EYE_M), heading, PITCH_RAD)
+    return scan(depth_image(solids, camera), CAMERA, camera, SETTINGS), Pose2D(x_m, 0.0, world_angle(heading))
+
+
+def walked_up(solids, places_m, memory: ObstacleMemory | None = None, start_s: float = 0.0) -> ObstacleMemory:
+    memory = ObstacleMemory() if memory is None else memory
+    for k, x_m in enumerate(places_m):
+        memory = remember(memory, *seen(solids, x_m), start_s + 0.1 * k)
+    return memory
+
+
+def test_a_low_box_is_still_in_the_way_when_it_is_below_the_image() -> None:
+    memory = walked_up((LOW_BOX,), np.arange(0.0, 1.7, 0.1))
+    now, pose = seen((LOW_BOX,), 1.9)
+    assert now.nearest_ahead_m is None, "the image does not show it: 0.6 m away and 0.3 m high"
+    known = with_memory(now, memory, pose, SETTINGS)
+    assert known.nearest_ahead_m is not None
+    assert abs(known.nearest_ahead_m - 0.6) < CELL_M
+    assert not any(abs(each.angle) < math.radians(10) for each in known.candidates)
+    assert any(abs(each.angle) > math.radians(20) for each in known.candidates), "round it there is a way"
+
+
+def test_what_is_beside_the_image_closes_the_directions_that_lead_into_it() -> None:
+    memory = walked_up((LOW_BOX,), np.arange(0.0, 1.7, 0.1))
+    now, pose = seen((LOW_BOX,), 1.7, heading_deg=40.0)
+    free = {round(math.degrees(each.angle)) for each in now.candidates}
+    known = {round(math.degrees(each.angle)) for each in with_memory(now, memory, pose, SETTINGS).candidates}
+    assert known < free
+    assert all(angle < 0 for angle in free - known), "it is to the right"
+
+
+def test_it_is_forgotten_where_the_image_shows_that_it_has_gone() -> None:
+    there = walked_up((TALL_BOX,), np.arange(0.0, 0.5, 0.1))
+    gone = walked_up((), [0.5], there, start_s=0.5)
+    now, pose = seen((), 0.5)
+    assert with_memory(now, there, pose, SETTINGS).nearest_ahead_m is not None
+    assert with_memory(now, gone, pose, SETTINGS).nearest_ahead_m is None
+
+
+def test_a_low_thing_is_remembered_longer_than_somebody_who_may_have_walked_on() -> None:
+    for solid, after_s, remembered in ((LOW_BOX, 15.0, True), (TALL_BOX, 3.0, False), (LOW_BOX, 25.0, False)):
+        memory = walked_up((solid,), np.arange(0.0, 1.7, 0.1))
+        # Seen from the other side nothing of it is in the image.
+        away = Pose2D(1.7, 0.0, world_angle(math.pi))
+        image, _ = seen((), 1.7, heading_deg=180.0)
+        memory = remember(memory, image, away, 1.6 + after_s)
+        assert bool(len(memory.cell)) is remembered
+
+
+def test_what_was_seen_once_only_may_be_noise() -> None:
+    memory = walked_up((LOW_BOX,), [0.8])
+    now, pose = seen((), 1.7)
+    assert with_memory(now, memory, pose, SETTINGS).candidates == now.candidates
+
+
+def test_a_drop_is_remembered_as_a_drop() -> None:
+    bearing_rad = np.radians(np.arange(-20.0, 21.0))
+    state = np.full(len(bearing_rad), BearingState.DROP, np.int8)
+    edge = ObstacleScan(
+        bearing_rad, 1.5 / np.cos(bearing_rad), state, (), 1.0,
+        top_m=np.zeros(len(bearing_rad)), steepest=np.full(len(bearing_rad), 0.9), eye_m=EYE_M,
+    )  # fmt: skip
+    memory = ObstacleMemory()
+    for k in range(2):
+        memory = remember(memory, edge, Pose2D(0.0, 0.0, world_angle(0.0)), 0.1 * k)
+    now, _ = seen((), 0.6)
+    known = with_memory(now, memory, Pose2D(0.6, 0.0, world_angle(0.0)), SETTINGS)
+    ahead = np.abs(known.bearing_rad) < math.radians(5.0)
+    assert BearingState.DROP in known.state[ahead]
+    assert BearingState.OBSTACLE not in known.state[ahead]
+    assert known.nearest_ahead_m is not None
+    assert known.nearest_ahead_m < 1.0
+
+
+@given(
+    places=st.lists(st.tuples(st.floats(-3, 3), st.floats(-3, 3), st.floats(0, 1.9)), max_size=30),
+    heading=st.floats(-180, 180),
+)
+def test_what_is_remembered_only_ever_closes(places: list[tuple[float, float, float]], heading: float) -> None:
+    table = np.array(places).reshape(-1, 3)
+    memory = ObstacleMemory(
+        np.floor(table[:, :2] / CELL_M).astype(np.int64), table[:, 2],
+        np.zeros(len(table)), np.full(len(table), 5, np.int64),
+    )  # fmt: skip
+    now, pose = seen((TALL_BOX,), 0.0, heading)
+    known = with_memory(now, memory, pose, SETTINGS)
+    free = {round(each.angle, 4): each for each in now.candidates}
+    for each in known.candidates:
+        assert each.clearance_m <= free[round(each.angle, 4)].clearance_m + 1e-9
+    was_m, is_m = now.nearest_m, known.nearest_m
+    assert (np.nan_to_num(is_m, nan=-1.0, posinf=99.0) <= np.nan_to_num(was_m, nan=99.0, posinf=99.0) + 1e-9).all()
+
+
+def test_memory_stays_small_however_long_the_walk() -> None:
+    memory = walked_up((LOW_BOX, box(0, 1.0, 60, 1.2)), np.arange(0.0, 40.0, 0.25))
+    assert len(memory.cell) < 200

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,9 +16,10 @@ from device_agent.state import DeviceState, Effect, Happened
 from device_agent.voice import Voice
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
+from navcore.follower.gate import current_reading, echo_distance_m
 from navcore.guide import guide
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
-from navcore.obstacle.memory import remember, with_memory
+from navcore.obstacle.memory import remember, remember_heard, with_memory
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
@@ -101,8 +103,8 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
-        state, scan = _with_what_was_seen(state, scan, located, frame.stamp_s)
         sonar = _sonar(ports, frame.stamp_s)
+        state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
         state, guidance = _fresh_or_stop(state, guidance, ports.clock.now_s(), ports.stale_s())
@@ -114,19 +116,23 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
 
 
 def _with_what_was_seen(
-    state: DeviceState, scan: ObstacleScan, located: Localization, stamp_s: float
+    state: DeviceState, scan: ObstacleScan, sonar: SonarReading | None, located: Localization, stamp_s: float
 ) -> tuple[DeviceState, ObstacleScan]:
     """Add to a scan what is out of the image now, and where that will be which comes towards the walker.
 
     Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since.
     """
-    pose, settings = located.pose, state.settings.obstacle
+    pose, settings = located.pose, state.settings
     if pose is None or located.quality is LocalizationQuality.LOST:
         return replace(state, recent_scans=()), scan
+    echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
+    half_field_rad = math.radians(settings.gate.half_field_deg)
     obstacles = remember(state.obstacles, scan, pose, stamp_s)
+    heard = remember_heard(state.heard, scan, echo_m, half_field_rad, pose, stamp_s)
     recent = with_scan(state.recent_scans, scan, pose, stamp_s)
-    coming = anticipated(scan, closing_speed_m_s(recent), settings)
-    return replace(state, obstacles=obstacles, recent_scans=recent), with_memory(coming, obstacles, pose, settings)
+    state = replace(state, obstacles=obstacles, heard=heard, recent_scans=recent)
+    coming = anticipated(scan, closing_speed_m_s(recent), settings.obstacle)
+    return state, with_memory(coming, obstacles.and_also(heard), pose, settings.obstacle)
 
 
 def _sonar(ports: Ports, stamp_s: float) -> SonarReading | None:

@@ -76,7 +76,7 @@ def at_rest(state: DeviceState) -> Step:
         # The route and all that is remembered belong to the old map's frame of reference.
         state = replace(
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
-            obstacles=ObstacleMemory(), recent_scans=(),
+            obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(),
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]

@@ -70,6 +70,8 @@ class DeviceState:
     """The previous guidance: the only memory of route following."""
     obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
     """What was in the way a moment ago and may be out of the image now."""
+    heard: ObstacleMemory = field(default_factory=ObstacleMemory)
+    """What the rangefinder alone has heard."""
     recent_scans: RecentScans = ()
     """What was seen in the last moments, to tell what comes from what stands."""
     off_route_since_s: float | None = None

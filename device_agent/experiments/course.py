@@ -1,7 +1,7 @@
 """What is in the way in Experiment 2: standing, low, overhanging, of glass, a drop, and people, on each of the paths.
 
 Where things are is fixed for each path, as it was for the paper's people; when the people come depends on the seed.
-Beside what stands there is room for a person, and people who walk stop rather than walk into somebody.
+Beside what stands there is room for a person; people who walk give way (:mod:`device_agent.simulation.courtesy`).
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from device_agent.simulation.openings import with_hole
 from device_agent.simulation.shapes import GLASS, Piece, box
 
 _LATEST_S = 20.0
+_PAUSE_S = 8.0
+"""People who have walked their way stand for a while before they come back: nobody paces before somebody's feet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,15 +39,15 @@ def glass_screen(x_m: float, y_m: float, yaw_deg: float = 0.0, width_m: float = 
 COURSES = {
     "A→B": Course(
         (carton(12.2, 5.75, 20.0), hanging_box(9.4, 6.5)),
-        (walking_person(((6.2, 8.3), (7.8, 8.3)), 0.8),),
+        (walking_person(((6.15, 8.3), (7.85, 8.3)), 0.8, pause_s=_PAUSE_S),),
     ),
     "D→C": Course(
         (low_box(21.0, 14.35), glass_screen(22.55, 11.9), furniture.chair().moved(24.9, 10.75, 30.0)),
-        (walking_person(((23.75, 8.0), (23.75, 13.2)), 0.9, colour="#3c6e4a"),),
+        (walking_person(((23.75, 8.0), (23.75, 13.2)), 0.9, colour="#3c6e4a", pause_s=_PAUSE_S),),
     ),
     "E→B": Course(
         (low_box(7.35, 11.6, 15.0), carton(6.7, 13.6, 10.0)),
-        (walking_person(((8.2, 14.75), (12.8, 14.75)), 1.0, colour="#4a4f8a"),),
+        (walking_person(((8.2, 14.75), (12.8, 14.75)), 1.0, colour="#4a4f8a", pause_s=_PAUSE_S),),
         (9.0, 12.95, 9.7, 13.65),
     ),
 }

@@ -72,6 +72,8 @@ class Mover:
     start_s: float = 0.0
     """It stands at the first corner until then."""
     stride_m: float = 1.4
+    pause_s: float = 0.0
+    """How long it stands at each end of its path."""
 
     def placement_at(self, time_s: float) -> Placement:
         """Return where it is, and where it faces, at a time of the simulation."""
@@ -79,7 +81,7 @@ class Mover:
         steps = np.diff(corners, axis=0)
         lengths = np.hypot(steps[:, 0], steps[:, 1])
         total = float(lengths.sum())
-        travelled = max(0.0, time_s - self.start_s) * self.speed_mps
+        travelled = self._travelled_m(max(0.0, time_s - self.start_s), total)
         lap = travelled % (2 * total) if total > 0 else 0.0
         along, forth = (lap, 1.0) if lap <= total else (2 * total - lap, -1.0)
         ends = np.cumsum(lengths)
@@ -88,6 +90,12 @@ class Mover:
         x_m, y_m = corners[leg] + share * steps[leg]
         yaw_rad = math.atan2(forth * steps[leg, 1], forth * steps[leg, 0])
         return Placement(float(x_m), float(y_m), yaw_rad, pose_in_stride(travelled, self.stride_m, len(self.poses)))
+
+    def _travelled_m(self, walking_s: float, length_m: float) -> float:
+        """Return how far it has gone: from one end to the other, and then it stands for a while."""
+        way_s = length_m / self.speed_mps
+        laps = math.floor(walking_s / (way_s + self.pause_s)) if way_s + self.pause_s > 0.0 else 0
+        return laps * length_m + min(walking_s - laps * (way_s + self.pause_s), way_s) * self.speed_mps
 
 
 def pose_in_stride(travelled_m: float, stride_m: float, count: int) -> int:
@@ -137,10 +145,9 @@ class Building:
         )
         return emptied.with_pieces(*pieces)
 
-    def placements_at(self, time_s: float, waited_s: Sequence[float] | None = None) -> tuple[Placement | None, ...]:
-        """Return where the moving things are; None for those that are not there. ``waited_s``: how long each stood."""
-        waits = [0.0] * len(self.movers) if waited_s is None else waited_s
-        return tuple(mover.placement_at(time_s - wait_s) for mover, wait_s in zip(self.movers, waits, strict=True))
+    def placements_at(self, time_s: float) -> tuple[Placement | None, ...]:
+        """Return where the moving things are on their paths; None for those that are not there."""
+        return tuple(mover.placement_at(time_s) for mover in self.movers)
 
     def moving_solids(self, placements: Sequence[Placement | None]) -> tuple[Solid, ...]:
         """Return the solids of the moving things, where they are."""

@@ -25,7 +25,11 @@ def hanging_box(x_m: float, y_m: float, yaw_deg: float = 0.0, low_m: float = 1.4
 
 
 def walking_person(
-    path_m: tuple[tuple[float, float], ...], speed_mps: float = 0.9, start_s: float = 0.0, colour: str = "#b03a48"
+    path_m: tuple[tuple[float, float], ...],
+    speed_mps: float = 0.9,
+    start_s: float = 0.0,
+    colour: str = "#b03a48",
+    pause_s: float = 0.0,
 ) -> Mover:
-    """Somebody who walks along a path and back; they do not step aside."""
-    return Mover(walking_figure(Clothes(colour)), path_m, speed_mps, start_s, STRIDE_M)
+    """Somebody who walks along a path and back, and stands for a while at its ends."""
+    return Mover(walking_figure(Clothes(colour)), path_m, speed_mps, start_s, STRIDE_M, pause_s)

@@ -18,6 +18,7 @@ from device_agent.simulation.building import (
     touchable,
 )
 from device_agent.simulation.conditions import EASY, Conditions, captured
+from device_agent.simulation.courtesy import Courtesy, beside_path, given_way
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Placement, Renderer
 from device_agent.simulation.sensors import (
@@ -37,8 +38,7 @@ from navcore.types import CameraIntrinsics, Frame, SonarReading
 
 _TICK_S = 0.02
 _LONGEST_S = 600.0
-_POLITE_M = 0.9
-"""Somebody who walks about stops when another is so near before them."""
+_ROOM_FOR_A_PERSON_M = 0.3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -108,7 +108,7 @@ class SimulatedWorld:
         self._body = WalkerBody(start_s, start.x_m, start.y_m, start.heading_rad)
         self._phase_rad = 0.0
         self._frames = self._pings = 0
-        self._waited_s = [0.0] * len(building.movers)
+        self._courtesies = [Courtesy()] * len(building.movers)
         self._log: list[tuple[float, float, float, float, int]] = []
         self._lock = threading.RLock()
         self._note()
@@ -182,25 +182,30 @@ class SimulatedWorld:
 
     def _tick(self, dt_s: float) -> None:
         placements = self._placements(self._body.time_s + dt_s)
-        self._let_wait(placements, dt_s)
+        self._give_way(placements, dt_s)
         moving = touchable(self.building.moving_solids(placements))
         self._body = step(self._body, self._walker, self._solids, moving, dt_s, self._rng)
         self._phase_rad = advance_phase(self._phase_rad, self._body.speed_mps, dt_s, self._gait)
         self._note()
 
     def _placements(self, time_s: float) -> tuple[Placement | None, ...]:
-        return self.building.placements_at(time_s - self._start_s, self._waited_s)
+        since_s = time_s - self._start_s
+        return tuple(
+            beside_path(mover.placement_at(since_s - courtesy.waited_s), courtesy)
+            for mover, courtesy in zip(self.building.movers, self._courtesies, strict=True)
+        )
 
-    def _let_wait(self, placements: tuple[Placement | None, ...], dt_s: float) -> None:
-        """People who see walk into nobody: they stand while the walker is right in front of them."""
+    def _give_way(self, placements: tuple[Placement | None, ...], dt_s: float) -> None:
+        """People who see give way to the walker."""
         body = self._body
         for number, placement in enumerate(placements):
-            if placement is None:
-                continue
-            dx_m, dy_m = body.x_m - placement.x_m, body.y_m - placement.y_m
-            ahead = math.cos(placement.yaw_rad) * dx_m + math.sin(placement.yaw_rad) * dy_m
-            if ahead > 0.0 and math.hypot(dx_m, dy_m) < _POLITE_M:
-                self._waited_s[number] += dt_s
+            if placement is not None:
+                self._courtesies[number] = given_way(
+                    self._courtesies[number], placement, body.x_m, body.y_m, self._has_room, dt_s
+                )
+
+    def _has_room(self, x_m: float, y_m: float) -> bool:
+        return push_from_solids(self._solids, x_m, y_m)[0] >= _ROOM_FOR_A_PERSON_M
 
     def _note(self) -> None:
         body = self._body

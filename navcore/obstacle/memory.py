@@ -4,6 +4,9 @@ A camera at eye height sees nothing low that is nearer than about 1.8 m, and a w
 beside them. So what a scan has found is kept for a while, in the map, with its height. It is forgotten where the image
 would show it and does not (somebody has walked on), and in the course of time. What is remembered only ever closes a
 direction: nothing becomes free by being forgotten that the present image does not show to be free.
+
+What the rangefinder alone has heard (glass) is remembered apart (:func:`remember_heard`), for no image shows that it
+has gone: somebody who has turned away from a pane would be sent back into it, since their camera sees a free way.
 """
 
 from __future__ import annotations
@@ -29,6 +32,11 @@ _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
+_HEARD_FORGOTTEN_AFTER_S = 8.0
+_HEARD_WITHIN_M = 2.0
+_UNSEEN_MARGIN_M = 0.4
+"""An echo that is so much nearer than all that the image shows about it comes from what the image does not show."""
+_ABOUT_RAD = math.radians(10.0)
 _INSIDE_IMAGE = 0.95
 _MAX_PLACES = 4000
 
@@ -49,6 +57,13 @@ class ObstacleMemory:
         """Middles (k, 2) of the cells, metres, in the map."""
         return np.asarray((self.cell + 0.5) * CELL_M, dtype=np.float64)
 
+    def and_also(self, other: ObstacleMemory) -> ObstacleMemory:
+        """Return both."""
+        return ObstacleMemory(
+            np.concatenate([self.cell, other.cell]), np.concatenate([self.top_m, other.top_m]),
+            np.concatenate([self.seen_s, other.seen_s]), np.concatenate([self.seen_count, other.seen_count]),
+        )  # fmt: skip
+
     def kept(self, which: NDArray[np.bool_]) -> ObstacleMemory:
         """Return some of it."""
         return ObstacleMemory(self.cell[which], self.top_m[which], self.seen_s[which], self.seen_count[which])
@@ -65,6 +80,40 @@ def remember(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: fl
         np.full(len(points), now_s), np.ones(len(points), np.int64),
     )  # fmt: skip
     return _merged(memory, fresh)
+
+
+def remember_heard(
+    heard: ObstacleMemory, scan: ObstacleScan, echo_m: float | None, half_field_rad: float, pose: Pose2D, now_s: float
+) -> ObstacleMemory:
+    """Return what is remembered of the echoes that nothing in the image explains.
+
+    An echo says how far, not where in the ultrasonic field: all of the arc is kept, until the rangefinder, turned to
+    it, hears farther.
+
+    Args:
+        heard: what this function returned last.
+        scan: the present one, as the image shows it.
+        echo_m: d_ultra; None without a working rangefinder.
+        half_field_rad: half of the ultrasonic field.
+        pose: where the walker is.
+        now_s: the present time.
+    """
+    bearing_rad, range_m = _from(pose, heard.places_m)
+    kept = (np.abs(now_s - heard.seen_s) <= _HEARD_FORGOTTEN_AFTER_S) & (range_m < _KEPT_WITHIN_M)
+    if echo_m is None:
+        return heard.kept(kept)
+    silent = (np.abs(bearing_rad) < half_field_rad) & (range_m < echo_m - _GONE_MARGIN_M)
+    heard = heard.kept(kept & ~silent)
+    about = np.abs(scan.bearing_rad) <= _ABOUT_RAD
+    shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))
+    if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:
+        return heard
+    count = 2 + int(2.0 * half_field_rad * echo_m / CELL_M)
+    angles = pose.heading + np.linspace(-half_field_rad, half_field_rad, count)
+    points = np.stack([np.cos(angles), np.sin(angles)], axis=1) * echo_m + (pose.x_m, pose.y_m)
+    cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
+    tall = np.full(len(cells), _LOW_M)
+    return _merged(heard, ObstacleMemory(cells, tall, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))
 
 
 def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settings: ObstacleSettings) -> ObstacleScan:

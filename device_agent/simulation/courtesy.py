@@ -1,0 +1,81 @@
+"""People who see give way to somebody who is led: they step aside in time, and stop rather than walk into anybody.
+
+A model: evasive movements of pedestrians begin about two metres ahead and are sideways (K. Kitazawa, T. Fujiyama,
+"Pedestrian vision and collision avoidance behavior", Pedestrian and Evacuation Dynamics 2008).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+from device_agent.simulation.renderer import Placement
+
+_NOTICED_M = 2.0
+_STOPS_M = 0.9
+_IN_THE_WAY_M = 0.8
+"""Sideways distance at which two people pass each other."""
+_BROAD_M = 0.6
+_STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
+_FARTHEST_ASIDE_M = 0.9
+IsFree = Callable[[float, float], bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Courtesy:
+    """How far somebody has given way."""
+
+    waited_s: float = 0.0
+    """How long they have stood so far: they are so late."""
+    aside_m: tuple[float, float] = (0.0, 0.0)
+    """How far they are beside their path now."""
+
+
+def beside_path(placement: Placement | None, courtesy: Courtesy) -> Placement | None:
+    """Return where somebody is who would be at a place of their path by now."""
+    if placement is None:
+        return None
+    return replace(placement, x_m=placement.x_m + courtesy.aside_m[0], y_m=placement.y_m + courtesy.aside_m[1])
+
+
+def given_way(
+    courtesy: Courtesy, placement: Placement, x_m: float, y_m: float, is_free: IsFree, dt_s: float
+) -> Courtesy:
+    """Return how somebody gives way in the next moment to the walker at (x, y).
+
+    Args:
+        courtesy: how far they have so far.
+        placement: where they are, beside their path.
+        x_m: the walker's place.
+        y_m: the same.
+        is_free: whether a person has room at a place.
+        dt_s: the moment's length.
+    """
+    dx_m, dy_m = x_m - placement.x_m, y_m - placement.y_m
+    c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
+    ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
+    distance_m = math.hypot(dx_m, dy_m)
+    if ahead_m <= 0.0 or distance_m > _NOTICED_M:
+        return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s))
+    if abs(left_m) < _IN_THE_WAY_M:
+        sign = -1.0 if left_m > 0.0 else 1.0
+        courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
+    stands = distance_m < _STOPS_M and abs(left_m) < _BROAD_M
+    return replace(courtesy, waited_s=courtesy.waited_s + dt_s) if stands else courtesy
+
+
+def _stepped(
+    courtesy: Courtesy, placement: Placement, aside: tuple[float, float], is_free: IsFree, step_m: float
+) -> Courtesy:
+    moved = courtesy.aside_m[0] + step_m * aside[0], courtesy.aside_m[1] + step_m * aside[1]
+    goes = math.hypot(*moved) <= _FARTHEST_ASIDE_M and is_free(
+        placement.x_m + step_m * aside[0], placement.y_m + step_m * aside[1]
+    )
+    return replace(courtesy, aside_m=moved) if goes else courtesy
+
+
+def _shorter(offset: tuple[float, float], by_m: float) -> tuple[float, float]:
+    length_m = math.hypot(*offset)
+    scale = max(0.0, length_m - by_m) / length_m if length_m > 0.0 else 0.0
+    return offset[0] * scale, offset[1] * scale

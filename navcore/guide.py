@@ -150,10 +150,11 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     follower, before = cycle.settings.follower, cycle.previous
     if before is not None and before.reason is Reason.ARRIVED:
         return cycle.stop(Reason.ARRIVED, replace(trace, sub_goal=before.trace.sub_goal), "arrived before")
-    there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, cycle.settings)
+    there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, cycle.scan, cycle.settings)
     trace = replace(
         trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
-        deviation_m=there.deviation_m, remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
+        deviation_m=there.deviation_m, offset_m=there.offset_m,
+        remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
     )  # fmt: skip
     if has_arrived(there.goal, pose, follower):
         return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")

@@ -306,6 +306,10 @@ class ObstacleScan:
     """Height of the camera above the floor."""
     closing_m_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     """How fast (n,) what is nearest in each bearing comes towards the walker by itself; 0 where it stands."""
+    unseen_rad: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Bearings (m,) of what is remembered to be in the way, and not in the image."""
+    unseen_m: FloatArray = field(default_factory=lambda: np.zeros(0))
+    """Their distances (m,)."""
 
 
 # ---------------------------------------------------------------------------------------------------- guidance
@@ -414,6 +418,8 @@ class DecisionTrace:
     """P_cls when the pose was lost; None while it is known."""
     deviation_m: float | None = None
     """Distance from the route."""
+    offset_m: float = 0.0
+    """Road-centred: how far left of the road's middle the walker is led, round what stands on it."""
     remaining_m: float | None = None
     """Arc length from the closest point to the destination."""
     optimal: RelativeAngle | None = None

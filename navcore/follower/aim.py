@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
-from navcore.angles import WorldAngle
+from navcore.angles import WorldAngle, world_angle
 from navcore.follower import road_centred
+from navcore.follower.beside import Line, direction_rad, line_beside
 from navcore.follower.direction import expected_direction
 from navcore.follower.sub_goal import closest_point, closest_point_anywhere, distance_to, select_sub_goal
 from navcore.settings import Settings
-from navcore.types import DecisionTrace, Pose2D, Route, SubGoal
+from navcore.types import DecisionTrace, ObstacleScan, Pose2D, Route, SubGoal
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +27,13 @@ class Aim:
     """θ_exp (Eq. 3)."""
     reach_m: float
     """How far the walker is led in that direction: it need not be free much farther."""
+    offset_m: float = 0.0
+    """How far left of the road's middle that leads, round what stands on it."""
 
 
-def aim(route: Route, pose: Pose2D, speed_m_s: float, before: DecisionTrace | None, settings: Settings) -> Aim:
+def aim(
+    route: Route, pose: Pose2D, speed_m_s: float, before: DecisionTrace | None, scan: ObstacleScan, settings: Settings
+) -> Aim:
     """Return where to go next.
 
     Args:
@@ -35,20 +41,49 @@ def aim(route: Route, pose: Pose2D, speed_m_s: float, before: DecisionTrace | No
         pose: where the walker is.
         speed_m_s: how fast they have been walking lately.
         before: the trace of the frame before on the same route; None at the start.
+        scan: what is known to be in the way; the paper's policy looks at it only later.
         settings: ``follower.policy`` chooses the policy.
     """
     follower = settings.follower
-    last_goal = None if before is None else before.sub_goal
     if before is not None and before.lost_index is not None:
         closest_index, deviation_m = closest_point_anywhere(route, pose, before.lost_index)
     else:
         last_index = None if before is None else before.closest_index
         closest_index, deviation_m = closest_point(route, pose, last_index, follower.closest_window_m)
+    last_goal = None if before is None else before.sub_goal
     if follower.policy == "paper":
         goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
         return Aim(closest_index, deviation_m, goal, expected_direction(goal, pose), distance_to(goal, pose))
     goal = road_centred.select_aim(route, closest_index, speed_m_s, last_goal, follower)
+    line = _line(route, closest_index, goal, pose, speed_m_s, before, scan, settings)
+    if line is not None:
+        reach_m = math.hypot(line.x_m - pose.x_m, line.y_m - pose.y_m)
+        expected = world_angle(direction_rad(line, pose))
+        return Aim(closest_index, deviation_m, goal, expected, reach_m, line.offset_m)
     expected = road_centred.expected_to(route, goal, closest_index, pose, speed_m_s, follower)
     half_width_m = settings.obstacle.person_width_m / 2.0
     reach_m = road_centred.reach_m(route, closest_index, pose, expected, half_width_m)
     return Aim(closest_index, deviation_m, goal, expected, reach_m)
+
+
+def _line(
+    route: Route,
+    closest_index: int,
+    goal: SubGoal,
+    pose: Pose2D,
+    speed_m_s: float,
+    before: DecisionTrace | None,
+    scan: ObstacleScan,
+    settings: Settings,
+) -> Line | None:
+    """Return the line round what stands on the road; none at a corner, which is turned at first."""
+    if goal.passed_index > closest_index:
+        return None
+    follower = settings.follower
+    until_index = road_centred.straight_until(route, closest_index, goal, follower)
+    return line_beside(
+        route, closest_index, until_index, pose, scan,
+        road_centred.look_ahead_m(speed_m_s, follower),
+        settings.obstacle.person_width_m / 2.0,
+        0.0 if before is None else before.offset_m,
+    )  # fmt: skip

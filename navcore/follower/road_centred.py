@@ -29,6 +29,7 @@ _ARM_M = 1.0
 _SPEED_MEMORY_S = 0.5
 _FASTEST_M_S = 2.0
 _LONGEST_GAP_S = 1.0
+_STRAIGHT_M = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +113,15 @@ def select_aim(
     last = len(arcs) - 1
     index = min(int(np.searchsorted(arcs, start_m + ahead_m)), last)
     return _goal(route, index, SubGoalCase.DESTINATION if index == last else SubGoalCase.STRAIGHT, passed)
+
+
+def straight_until(route: Route, closest_index: int, goal: SubGoal, settings: FollowerSettings) -> int:
+    """Return the index of the route's next sharp corner, or of its last point."""
+    if goal.case is SubGoalCase.TURNING_POINT:
+        return goal.route_index
+    until_m = float(route.arc_length_m[closest_index]) + _STRAIGHT_M
+    corner = next_corner(route, _behind(route, goal.passed_index, closest_index), until_m, settings)
+    return len(route.arc_length_m) - 1 if corner is None else corner.route_index
 
 
 def expected_to(

@@ -137,6 +137,8 @@ def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settin
             scan.bearing_rad, nearest_m, state, settings, MAX_RANGE_M, (bearing_rad, range_m)
         ),
         nearest_ahead_m=ahead_m if ahead_m < MAX_RANGE_M else None,
+        unseen_rad=bearing_rad,
+        unseen_m=range_m,
     )
 
 

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from navcore.angles import world_angle
 from navcore.geometry import world_from_camera_at
-from navcore.obstacle.memory import CELL_M, ObstacleMemory, remember, with_memory
+from navcore.obstacle.memory import CELL_M, ObstacleMemory, remember, remember_heard, with_memory
 from navcore.obstacle.scan import scan
 from navcore.settings import ObstacleSettings
 from navcore.types import BearingState, ObstacleScan, Pose2D
@@ -119,3 +119,40 @@ def test_what_is_remembered_only_ever_closes(places: list[tuple[float, float, fl
 def test_memory_stays_small_however_long_the_walk() -> None:
     memory = walked_up((LOW_BOX, box(0, 1.0, 60, 1.2)), np.arange(0.0, 40.0, 0.25))
     assert len(memory.cell) < 200
+
+
+# ---------------------------------------------------------------------------------------------------------- echoes
+HALF_FIELD_RAD = math.radians(7.5)
+
+
+def heard(echo_m: float | None, pose: Pose2D, memory: ObstacleMemory | None = None, solids=(), now_s: float = 0.0):
+    image, _ = seen(solids, pose.x_m, math.degrees(pose.heading))
+    memory = ObstacleMemory() if memory is None else memory
+    return remember_heard(memory, image, echo_m, HALF_FIELD_RAD, pose, now_s)
+
+
+def test_a_pane_stays_in_the_way_of_somebody_who_has_turned_away_from_it() -> None:
+    towards, away = Pose2D(0.0, 0.0, world_angle(0.0)), Pose2D(0.0, 0.0, world_angle(math.radians(25.0)))
+    memory = heard(1.0, towards, heard(1.0, towards), now_s=0.1)
+    memory = heard(4.25, away, memory, now_s=1.0)
+    image, _ = seen((), 0.0, 25.0)
+    known = with_memory(image, memory, away, SETTINGS)
+    towards_pane = [each for each in known.candidates if abs(math.degrees(each.angle) + 25.0) < 10.0]
+    assert all(each.clearance_m < 1.1 for each in towards_pane)
+    assert any(each.clearance_m > 3.0 for each in known.candidates), "elsewhere the way is free"
+
+
+def test_it_is_forgotten_when_the_rangefinder_hears_farther_there_or_in_time() -> None:
+    pose = Pose2D(0.0, 0.0, world_angle(0.0))
+    memory = heard(1.0, pose, heard(1.0, pose), now_s=0.1)
+    assert len(memory.cell)
+    assert not len(heard(4.25, pose, memory, now_s=0.2).cell)
+    assert len(heard(None, pose, memory, now_s=5.0).cell), "a rangefinder that fails shows nothing to be free"
+    assert not len(heard(None, pose, memory, now_s=20.0).cell)
+
+
+def test_what_the_image_shows_as_well_is_not_remembered_twice() -> None:
+    pose = Pose2D(1.0, 0.0, world_angle(0.0))
+    assert not len(heard(1.5, pose, solids=(TALL_BOX,)).cell)
+    assert len(heard(0.8, pose, solids=(TALL_BOX,)).cell), "a pane before the box"
+    assert not len(heard(3.0, pose).cell), "what is far will be heard again"

@@ -28,7 +28,7 @@ _LED_OVER_M = 1.2
 """Along the road, from where the walker is to the line."""
 _ROOMY_M = 0.15
 """Room beside a person's own width that is worth a detour."""
-_CROWDED_COST, _BLOCKED_COST, _CHANGE_COST = 0.8, 2.0, 0.3
+_CROWDED_COST, _BLOCKED_COST, _CHANGE_COST = 0.4, 4.0, 0.3
 
 
 @dataclass(frozen=True, slots=True)

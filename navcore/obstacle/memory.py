@@ -102,7 +102,8 @@ def remember_heard(
     kept = (np.abs(now_s - heard.seen_s) <= _HEARD_FORGOTTEN_AFTER_S) & (range_m < _KEPT_WITHIN_M)
     if echo_m is None:
         return heard.kept(kept)
-    silent = (np.abs(bearing_rad) < half_field_rad) & (range_m < echo_m - _GONE_MARGIN_M)
+    reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)
+    silent = (np.abs(bearing_rad) < reached_rad) & (range_m < echo_m - _GONE_MARGIN_M)
     heard = heard.kept(kept & ~silent)
     about = np.abs(scan.bearing_rad) <= _ABOUT_RAD
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))

@@ -1,0 +1,56 @@
+"""Simulated people who see give way to the walker, as far as there is room."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+
+from device_agent.simulation.courtesy import Courtesy, beside_path, given_way
+from device_agent.simulation.obstacles import walking_person
+from device_agent.simulation.renderer import Placement
+
+DT_S = 0.02
+
+
+def met(walker_at, *, room_m: float = 5.0, seconds: float = 8.0):
+    """Somebody who walks from (6, 0) along −x at 1 m/s, and the walker; return where they were, moment by moment."""
+    courtesy, trail = Courtesy(), []
+    for k in range(round(seconds / DT_S)):
+        now_s = k * DT_S
+        on_path = Placement(6.0 - (now_s - courtesy.waited_s), 0.0, math.pi)
+        placement = beside_path(on_path, courtesy)
+        walker = walker_at(now_s)
+        courtesy = given_way(courtesy, placement, *walker, lambda _x, y: abs(y) <= room_m, DT_S)
+        trail.append((placement.x_m, placement.y_m, *walker))
+    return trail, courtesy
+
+
+@pytest.mark.parametrize("y_m", [-0.3, 0.3])
+def test_they_step_aside_to_the_other_side_and_pass(y_m: float) -> None:
+    trail, courtesy = met(lambda t: (0.8 * t, y_m))
+    assert min(math.hypot(x - wx, y - wy) for x, y, wx, wy in trail) > 0.6
+    assert max((y for _, y, _, _ in trail), key=abs) * y_m < 0.0
+    assert trail[-1][0] < trail[-1][2], "they have passed each other"
+    assert math.hypot(*courtesy.aside_m) < 0.5, "and go back to their path"
+
+
+def test_where_there_is_no_room_they_stop_before_the_walker() -> None:
+    trail, _ = met(lambda t: (min(0.8 * t, 1.5), 0.0), room_m=0.1)
+    assert min(math.hypot(x - wx, y - wy) for x, y, wx, wy in trail) > 0.8
+    assert trail[-1][0] == pytest.approx(trail[-100][0], abs=0.05)
+
+
+def test_who_is_far_away_or_behind_is_not_given_way() -> None:
+    for walker in ((-5.0, 0.0), (9.0, 0.0)):
+        trail, courtesy = met(lambda _t, at=walker: at, seconds=3.0)
+        assert courtesy == Courtesy()
+        assert trail[-1][0] == pytest.approx(3.0, abs=0.05)
+
+
+def test_who_has_walked_their_way_stands_for_a_while_before_they_come_back() -> None:
+    mover = walking_person(((0.0, 0.0), (4.0, 0.0)), 1.0, start_s=2.0, pause_s=5.0)
+    places = {t: mover.placement_at(float(t)).x_m for t in (0, 2, 4, 6, 8, 10.9, 12, 15, 19, 20, 21)}
+    assert places == pytest.approx(
+        {0: 0.0, 2: 0.0, 4: 2.0, 6: 4.0, 8: 4.0, 10.9: 4.0, 12: 3.0, 15: 0.0, 19: 0.0, 20: 0.0, 21: 1.0}
+    )

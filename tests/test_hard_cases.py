@@ -12,7 +12,7 @@ from closed_loop import GLASS, BoxWorld, NoisyTruth, box
 from device_agent.experiments.hard_cases import HARD_CASES, Outcome, differences, hard_case, outcome_of
 from device_agent.simulation.building import Start
 from device_agent.simulation.shapes import Piece, Solid
-from device_agent.simulation.staging import Actor, Mark, person, thing
+from device_agent.simulation.staging import Actor, Mark, Oncomer, oncomer, person, thing
 from device_agent.simulation.walker import drawn_walker
 from device_agent.state import DeviceState
 from device_agent.walk import Moment, lead
@@ -34,7 +34,7 @@ RING_WALLS = (
 )  # fmt: skip
 """A corridor 2.4 m wide all round a block."""
 CORRIDOR_WALLS = (
-    box(-2.0, 1.2, 11.2, 1.4), box(-2.0, -1.4, 11.2, -1.2), box(11.0, -1.2, 11.2, 1.2), box(-2.2, -1.4, -2.0, 1.4)
+    box(-2.0, 1.2, 15.2, 1.4), box(-2.0, -1.4, 15.2, -1.2), box(15.0, -1.2, 15.2, 1.2), box(-2.2, -1.4, -2.0, 1.4)
 )  # fmt: skip
 ROOM_WALLS = (
     box(-1.5, 1.6, 9.2, 1.8), box(-1.5, -1.8, 9.2, -1.6), box(9.0, -1.6, 9.2, 1.6), box(-1.7, -1.8, -1.5, 1.8)
@@ -64,7 +64,7 @@ class Scene:
     start: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Metres, metres, degrees."""
     goal: str = "b"
-    actors: Callable[[], tuple[Actor, ...]] = tuple
+    actors: Callable[[], tuple[Actor | Oncomer, ...]] = tuple
     meanwhile: Callable[[Moment, NoisyTruth], None] = lambda moment, localizer: None
     settings: dict[str, float] = field(default_factory=dict)
     limit_s: float = 60.0
@@ -95,10 +95,10 @@ def unplug(moment: Moment, localizer: NoisyTruth) -> None:
 
 
 def sliding_door() -> Actor:
-    """Two steps before it, it slides shut within 1.5 s; ten seconds later it is opened."""
+    """Three steps before it, it slides shut within 1.5 s; some seconds later it is opened."""
     panel = solid(0.03, 0.6)
-    marks = Mark(0.0, 5.0, 1.3), Mark(1.5, 5.0, 0.0), Mark(11.5, 5.0, 0.0), Mark(13.0, 5.0, 1.3)
-    return thing(panel, *marks, cue_m=(5.0, 0.0, 1.8))
+    marks = Mark(0.0, 5.0, 1.3), Mark(1.5, 5.0, 0.0), Mark(7.5, 5.0, 0.0), Mark(9.0, 5.0, 1.3)
+    return thing(panel, *marks, cue_m=(5.0, 0.0, 2.5))
 
 
 DOOR_WAY = (*CORRIDOR_WALLS, box(4.95, -1.2, 5.05, -0.6), box(4.95, 0.6, 5.05, 1.2))
@@ -111,18 +111,18 @@ SCENES = {
     "destination behind": Scene(goal="b", meanwhile=choose_another),
     "blocked for a while": Scene(
         actors=lambda: tuple(
-            person(((4.5, y), (9.5, y), (9.5, -y or 1.0)), 1.2, (4.5, 0.0, 2.0), after_s=4.0) for y in (-0.8, 0.0, 0.8)
+            person(((4.5, y), (14.5, y)), 1.2, (4.5, 0.0, 3.2), after_s=8.0) for y in (-0.8, 0.0, 0.8)
         ),
     ),
     "blocked, another way": Scene((*RING_WALLS, ACROSS), RING, settings=SOON, limit_s=80.0),
     "blocked, no other way": Scene((*CORRIDOR_WALLS, ACROSS), settings=SOON, limit_s=30.0),
-    "person coming": Scene(actors=lambda: (person(((9.0, 0.0), (-1.0, 0.0)), 0.9),)),
+    "person coming": Scene(actors=lambda: (oncomer(12.0, 0.0, 180.0, 0.9),)),
     "door closing": Scene(DOOR_WAY, actors=lambda: (sliding_door(),)),
     "glass door": Scene(
         (*RING_WALLS, replace(ACROSS, name=GLASS)), RING, settings=SOON, limit_s=80.0
     ),
     "chair pulled out": Scene(
-        actors=lambda: (thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 2.3)),),
+        actors=lambda: (thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 2.8)),),
     ),
     "legs side by side": Scene(ROOM_WALLS, SIDE_BY_SIDE, (0.0, -0.45, 0.0), "d", limit_s=80.0),
     "lost mid-corridor": Scene(meanwhile=lose_the_place),

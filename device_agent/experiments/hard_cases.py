@@ -17,7 +17,7 @@ from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS
 from navcore.types import Action, LocalizationQuality, Reason, TurnKind
 
-_LONGEST_LEAP_M = 1.0
+_LONGEST_LEAP_M = 2.0
 """The closest point moves less between two cycles, however the walker walks."""
 _SENDING = frozenset({CueKind.WALK, CueKind.TICK, CueKind.STEER})
 
@@ -97,13 +97,13 @@ HARD_CASES = (
     ),
     HardCase(
         "person coming", "a person walking towards",
-        "Somebody walks towards the walker on the middle of the road, and stops before them.",
-        "stops or goes round, arrives",
+        "Somebody walks towards the walker on the middle of the road, stops before them, and steps aside after a while.",
+        "stops before them or goes round, arrives",
         Expected(),
     ),
     HardCase(
         "door closing", "door closing",
-        "A door closes when the walker is two steps before it, and is opened again after ten seconds.",
+        "A door closes when the walker is three steps before it, and is opened again after some seconds.",
         "stops before it, goes on when it is open, arrives",
         Expected(stops_for_one_of=_SOMETHING_SEEN),
     ),

@@ -60,6 +60,58 @@ class Actor:
         return Placement(here[0], here[1], math.radians(here[2]), number)
 
 
+@dataclass(slots=True, eq=False)
+class Oncomer:
+    """Somebody who comes towards the walker, stops before them, and after a while steps aside and walks on."""
+
+    poses: tuple[Piece, ...]
+    x_m: float
+    y_m: float
+    yaw_rad: float
+    """Where they walk to."""
+    aside_m: float
+    """So far to their left they step; negative is to the right."""
+    speed_m_s: float = 0.9
+    waits_s: float = 3.0
+    stands_before_m: float = 1.1
+    waited_s: float = 0.0
+    aside_now_m: float = 0.0
+    walked_m: float = 0.0
+    seen_s: float | None = None
+
+    def watch(self, now_s: float, x_m: float, y_m: float) -> None:
+        """Look at where the walker is, and make the steps since the last look."""
+        passed_s = 0.0 if self.seen_s is None else now_s - self.seen_s
+        self.seen_s = now_s
+        here = self.placement_at(now_s)
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        ahead_m = c * (x_m - here.x_m) + s * (y_m - here.y_m)
+        beside_m = abs(c * (y_m - here.y_m) - s * (x_m - here.x_m))
+        if not (0.0 < ahead_m < self.stands_before_m and beside_m < _ROOM_BESIDE_M):
+            self.walked_m += self.speed_m_s * passed_s
+        elif self.waited_s < self.waits_s:
+            self.waited_s += passed_s
+        else:
+            step_m = _SIDE_STEP_M_S * passed_s
+            self.aside_now_m += max(-step_m, min(step_m, self.aside_m - self.aside_now_m))
+
+    def placement_at(self, time_s: float) -> Placement:
+        """Return where they are since the last look."""
+        c, s = math.cos(self.yaw_rad), math.sin(self.yaw_rad)
+        x_m = self.x_m + self.walked_m * c - self.aside_now_m * s
+        y_m = self.y_m + self.walked_m * s + self.aside_now_m * c
+        return Placement(x_m, y_m, self.yaw_rad, pose_in_stride(self.walked_m, STRIDE_M, len(self.poses)))
+
+
+_SIDE_STEP_M_S = 0.5
+_ROOM_BESIDE_M = 0.7
+
+
+def oncomer(x_m: float, y_m: float, yaw_deg: float, aside_m: float, speed_m_s: float = 0.9) -> Oncomer:
+    """Return somebody who comes towards the walker from a place."""
+    return Oncomer(walking_figure(Clothes("#3c6e4a")), x_m, y_m, math.radians(yaw_deg), aside_m, speed_m_s)
+
+
 def thing(piece: Piece, *marks: Mark, cue_m: tuple[float, float, float] | None = None) -> Actor:
     """Return a thing that somebody moves: a door, a chair."""
     return Actor((piece,), marks, cue_m)

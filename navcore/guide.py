@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_to
+from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to
 from navcore.follower.aim import Aim, aim
 from navcore.follower.direction import (
     between_candidates,
@@ -194,7 +194,7 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     gate_m = required_clearance_m(there.reach_m, settings.obstacle, settings.gate.clearance_m)
     gate_m = min(gate_m, max(required_m, stop_m))
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
-    if direction is None:
+    if direction is None or (_sounds_straight(cycle, direction) and not _is_open_ahead(cycle, gate_m)):
         return _before_echo(cycle, error, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
     return _leave_stop(cycle, direction, trace, rule)
 
@@ -228,11 +228,15 @@ def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
     ahead_m = cycle.scan.nearest_ahead_m
     if ahead_m is None:
         return cycle.scan.candidates
-    within_rad = math.radians(cycle.settings.cues.straight_within_deg)
     return tuple(
-        replace(each, clearance_m=min(each.clearance_m, ahead_m)) if abs(each.angle) <= within_rad else each
+        replace(each, clearance_m=min(each.clearance_m, ahead_m)) if _sounds_straight(cycle, each.angle) else each
         for each in cycle.scan.candidates
     )
+
+
+def _sounds_straight(cycle: _Cycle, direction: RelativeAngle) -> bool:
+    """Whether the walker hears a direction as straight ahead."""
+    return abs(direction) <= math.radians(cycle.settings.cues.straight_within_deg)
 
 
 def _narrow_m(cycle: _Cycle) -> float:
@@ -276,12 +280,16 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
 
 
 def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:
-    """The rangefinder hears only what is in front: turn to where the route leads, or stop."""
+    """The rangefinder hears only what is in front, and not how wide it is: turn to where the route leads, or stop."""
     if abs(error) > _look_threshold_rad(cycle):
         return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
-    if trace.optimal is not None and abs(trace.optimal) > math.radians(cycle.settings.obstacle.candidate_step_deg / 2):
+    if trace.optimal is not None and not _sounds_straight(cycle, trace.optimal):
         return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
     return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
+
+
+def _is_open_ahead(cycle: _Cycle, gate_m: float) -> bool:
+    return walking_direction(relative_angle(0.0), cycle.sonar, gate_m, cycle.settings.gate) is not None
 
 
 def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:

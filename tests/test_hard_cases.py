@@ -95,10 +95,10 @@ def unplug(moment: Moment, localizer: NoisyTruth) -> None:
 
 
 def sliding_door() -> Actor:
-    """Three steps before it, it slides shut within 1.5 s; some seconds later it is opened."""
+    """Some steps before it, it slides shut within 1.5 s; some seconds later it is opened."""
     panel = solid(0.03, 0.6)
     marks = Mark(0.0, 5.0, 1.3), Mark(1.5, 5.0, 0.0), Mark(7.5, 5.0, 0.0), Mark(9.0, 5.0, 1.3)
-    return thing(panel, *marks, cue_m=(5.0, 0.0, 2.5))
+    return thing(panel, *marks, cue_m=(5.0, 0.0, 3.0))
 
 
 DOOR_WAY = (*CORRIDOR_WALLS, box(4.95, -1.2, 5.05, -0.6), box(4.95, 0.6, 5.05, 1.2))
@@ -122,7 +122,7 @@ SCENES = {
         (*RING_WALLS, replace(ACROSS, name=GLASS)), RING, settings=SOON, limit_s=80.0
     ),
     "chair pulled out": Scene(
-        actors=lambda: (thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 2.8)),),
+        actors=lambda: (thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 3.2)),),
     ),
     "legs side by side": Scene(ROOM_WALLS, SIDE_BY_SIDE, (0.0, -0.45, 0.0), "d", limit_s=80.0),
     "lost mid-corridor": Scene(meanwhile=lose_the_place),

@@ -103,7 +103,7 @@ HARD_CASES = (
     ),
     HardCase(
         "door closing", "door closing",
-        "A door closes when the walker is three steps before it, and is opened again after some seconds.",
+        "A door closes when the walker is four steps before it, and is opened again after some seconds.",
         "stops before it, goes on when it is open, arrives",
         Expected(stops_for_one_of=_SOMETHING_SEEN),
     ),

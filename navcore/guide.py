@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_to
+from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to
 from navcore.follower.aim import Aim, aim
 from navcore.follower.direction import (
     between_candidates,
@@ -28,7 +28,7 @@ from navcore.follower.direction import (
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
 from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
-from navcore.follower.road_centred import walking_velocity_m_s
+from navcore.follower.road_centred import stopping_distance_m, walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
 from navcore.settings import Settings
@@ -56,6 +56,9 @@ _LEFT_SLOWLY = frozenset(
 )  # fmt: skip
 """Stops that the walker leaves only after several free frames."""
 _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
+_ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
+_STANDS_AFTER_S = 1.0
+"""Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
 _TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
 """Somebody who is led round something may head this far from the expected direction before they are turned back."""
@@ -175,9 +178,10 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
         return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
     error = relative_to(there.expected, pose.heading)
     best, required_m, rule = _optimal(cycle, pose.heading, there)
-    narrows = _was_wide(cycle) and best is not None and required_m == _narrow_m(cycle)
+    narrows = best is not None and required_m == _narrow_m(cycle) and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
-    stop_m = settings.obstacle.stop_distance_m
+    # Who walks fast needs more than the stop distance to come to a stand.
+    stop_m = max(settings.obstacle.stop_distance_m, stopping_distance_m(trace.speed_m_s, settings.follower))
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
@@ -191,7 +195,7 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     gate_m = required_clearance_m(there.reach_m, settings.obstacle, settings.gate.clearance_m)
     gate_m = min(gate_m, max(required_m, stop_m))
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
-    if direction is None:
+    if direction is None or (_sounds_straight(cycle, direction) and not _is_open_ahead(cycle, gate_m)):
         return _before_echo(cycle, error, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
     return _leave_stop(cycle, direction, trace, rule)
 
@@ -205,10 +209,11 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     """
     settings, error = cycle.settings, relative_to(there.expected, heading)
     required_m = required_clearance_m(there.reach_m, settings.obstacle, settings.obstacle.clearance_m)
-    candidates = walkable(cycle.scan.candidates, required_m)
+    free = walkable(cycle.scan.candidates, required_m)
     best = optimal_direction(
-        candidates, there.expected, heading, there.deviation_m, settings.follower, _last_direction(cycle, heading)
-    )
+        walkable(_as_heard(cycle), required_m) or free, there.expected, heading, there.deviation_m, settings.follower,
+        _last_direction(cycle, heading),
+    )  # fmt: skip
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
         best = widest_direction(walkable(cycle.scan.candidates, narrow_m), there.expected, heading)
@@ -219,14 +224,34 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
 
 
+def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
+    """Return D as it is walked: a direction that sounds like straight ahead is free no farther than straight ahead."""
+    ahead_m = cycle.scan.nearest_ahead_m
+    if ahead_m is None:
+        return cycle.scan.candidates
+    return tuple(
+        replace(each, clearance_m=min(each.clearance_m, ahead_m)) if _sounds_straight(cycle, each.angle) else each
+        for each in cycle.scan.candidates
+    )
+
+
+def _sounds_straight(cycle: _Cycle, direction: RelativeAngle) -> bool:
+    """Whether the walker hears a direction as straight ahead."""
+    return abs(direction) <= math.radians(cycle.settings.cues.straight_within_deg)
+
+
 def _narrow_m(cycle: _Cycle) -> float:
     return max(cycle.settings.obstacle.narrow_clearance_m, cycle.settings.obstacle.stop_distance_m)
 
 
-def _was_wide(cycle: _Cycle) -> bool:
-    """Whether the walker is walking in a direction that was free for more than the narrow clearance."""
+def _may_be_narrow(cycle: _Cycle, trace: DecisionTrace) -> bool:
+    """Whether the walker may walk where less than δ is free: they began so, or they stand."""
     before = cycle.previous
-    return before is not None and before.action is Action.WALK and (before.trace.required_m or 0.0) > _narrow_m(cycle)
+    if before is None:
+        return True
+    if before.action is Action.WALK:
+        return (before.trace.required_m or 0.0) <= _narrow_m(cycle)
+    return trace.stopped_since_s is not None and cycle.stamp_s - trace.stopped_since_s >= _STANDS_AFTER_S
 
 
 def _goes_round(cycle: _Cycle) -> bool:
@@ -256,23 +281,30 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
 
 
 def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:
-    """The rangefinder hears only what is in front: turn to where the route leads, or stop."""
+    """The rangefinder hears only what is in front, and not how wide it is: turn to where the route leads, or stop."""
     if abs(error) > _look_threshold_rad(cycle):
         return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
-    if trace.optimal is not None and abs(trace.optimal) > math.radians(cycle.settings.obstacle.candidate_step_deg / 2):
+    if trace.optimal is not None and not _sounds_straight(cycle, trace.optimal):
         return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
     return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
 
 
+def _is_open_ahead(cycle: _Cycle, gate_m: float) -> bool:
+    return walking_direction(relative_angle(0.0), cycle.sonar, gate_m, cycle.settings.gate) is not None
+
+
 def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
-    """One frame suffices to stop; leaving a stop takes several."""
+    """One frame suffices to stop; leaving a stop, or a turn before something in the way, takes several."""
     before = cycle.previous
-    if before is not None and before.action is Action.STOP and before.reason in _LEFT_SLOWLY:
+    stopped = before is not None and before.action is Action.STOP and before.reason in _LEFT_SLOWLY
+    if before is not None and (stopped or before.trace.turn in _ROUND_SOMETHING):
         needed = cycle.settings.obstacle.leave_frames_count
         count = before.trace.free_frame_count + 1
         if count < needed:
-            waiting = replace(trace, free_frame_count=count)
-            return cycle.stop(before.reason, waiting, f"free for {count} of {needed} frames since the stop")
+            waiting, why = replace(trace, free_frame_count=count), f"free for {count} of {needed} frames since the stop"
+            if stopped:
+                return cycle.stop(before.reason, waiting, why)
+            return cycle.turn(TurnKind.ASIDE, direction, waiting, why)
     return cycle.walk(direction, replace(trace, stopped_since_s=None, look_count=0), rule)
 
 

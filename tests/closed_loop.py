@@ -6,17 +6,18 @@ Depth is computed ray by ray against the boxes and the floor; the walker hears c
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
-from device_agent.simulation.building import Solid, touchable
+from device_agent.simulation.building import Building, Moving, Solid, Start, touchable
 from device_agent.simulation.walker import WalkerBody, WalkerParameters, hear, step
+from device_agent.simulation.world import SimulatedWorld
 from navcore.compiled import kernel
 from navcore.cues.speech import CueMemory, cues_for
 from navcore.cues.table import Cue
-from navcore.geometry import world_from_camera_at
+from navcore.geometry import Transform, rotation_about_z, world_from_camera_at
 from navcore.guide import guide
 from navcore.obstacle.scan import scan
 from navcore.planning.projection import arc_lengths_m
@@ -25,6 +26,7 @@ from navcore.settings import Settings
 from navcore.types import (
     Action,
     CameraIntrinsics,
+    Frame,
     Guidance,
     Localization,
     LocalizationQuality,
@@ -39,6 +41,10 @@ EYE_M, PITCH_RAD = 1.6, math.radians(15.0)
 CAMERA = CameraIntrinsics(160, 120, 116.4, 116.4, 79.5, 59.5)
 _FRAME_S, _STEP_S, _LATENCY_S = 0.1, 0.02, 0.04
 NOTHING = touchable(())
+_ROWS, _COLS = np.mgrid[0 : CAMERA.height_px, 0 : CAMERA.width_px]
+_RAYS = np.stack(
+    [(_COLS - CAMERA.cx_px) / CAMERA.fx_px, (_ROWS - CAMERA.cy_px) / CAMERA.fy_px, np.ones(_ROWS.shape)], axis=-1
+).reshape(-1, 3)
 
 
 def box(x0: float, y0: float, x1: float, y1: float, high_m: float = 2.5, low_m: float = 0.0) -> Solid:
@@ -58,41 +64,51 @@ def route_along(*corners_m: tuple[float, float], name: str = "Room") -> Route:
 
 
 @kernel
-def _cast(low: np.ndarray, high: np.ndarray, origin: np.ndarray, rays: np.ndarray, nearest: np.ndarray) -> None:
+def _cast(boxes: np.ndarray, origin: np.ndarray, rays: np.ndarray, nearest: np.ndarray) -> None:
+    """``boxes`` (k, 8): middle, half lengths, cosine and sine of the yaw, lower and upper end."""
     for i in range(rays.shape[0]):
         nearest[i] = -origin[2] / rays[i, 2] if rays[i, 2] < 0.0 else np.inf
-        for k in range(low.shape[0]):
+    for k in range(boxes.shape[0]):
+        c, s = boxes[k, 4], boxes[k, 5]
+        off_x, off_y = origin[0] - boxes[k, 0], origin[1] - boxes[k, 1]
+        start_x, start_y = c * off_x + s * off_y, c * off_y - s * off_x
+        for i in range(rays.shape[0]):
+            along_x, along_y = c * rays[i, 0] + s * rays[i, 1], c * rays[i, 1] - s * rays[i, 0]
             enter, leave = -np.inf, np.inf
             for axis in range(3):
-                ray = rays[i, axis] if rays[i, axis] != 0.0 else 1e-12
-                first, second = (low[k, axis] - origin[axis]) / ray, (high[k, axis] - origin[axis]) / ray
-                enter, leave = max(enter, min(first, second)), min(leave, max(first, second))
+                if axis == 0:
+                    ray, low, high = along_x, -boxes[k, 2] - start_x, boxes[k, 2] - start_x
+                elif axis == 1:
+                    ray, low, high = along_y, -boxes[k, 3] - start_y, boxes[k, 3] - start_y
+                else:
+                    ray, low, high = rays[i, 2], boxes[k, 6] - origin[2], boxes[k, 7] - origin[2]
+                ray = ray if ray != 0.0 else 1e-12
+                enter, leave = max(enter, min(low / ray, high / ray)), min(leave, max(low / ray, high / ray))
             if leave >= enter and leave > 0.0:
                 nearest[i] = min(nearest[i], max(enter, 1e-3))
 
 
 def cast(solids: tuple[Solid, ...], origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Return for each ray (n, 3) the multiple of it at which it meets the floor or a box, else inf."""
-    table = np.array([(s.x_m, s.y_m, s.half_x_m, s.half_y_m, s.low_m, s.high_m) for s in solids]).reshape(-1, 6)
-    low = np.column_stack([table[:, :2] - table[:, 2:4], table[:, 4]])
-    high = np.column_stack([table[:, :2] + table[:, 2:4], table[:, 5]])
+    table = np.array(
+        [
+            (s.x_m, s.y_m, s.half_x_m, s.half_y_m, math.cos(s.yaw_rad), math.sin(s.yaw_rad), s.low_m, s.high_m)
+            for s in solids
+        ]
+    ).reshape(-1, 8)
     nearest = np.empty(len(rays))
-    _cast(low, high, np.array(origin, dtype=np.float64), np.ascontiguousarray(rays), nearest)
+    _cast(table, np.array(origin, dtype=np.float64), np.ascontiguousarray(rays), nearest)
     return nearest
 
 
 def depth_image(solids: tuple[Solid, ...], world_from_camera, rng: np.random.Generator | None = None) -> np.ndarray:
     """Return the depth image (h, w) with the noise of a structured-light sensor; NaN beyond its range."""
-    rows, cols = np.mgrid[0 : CAMERA.height_px, 0 : CAMERA.width_px]
-    rays = np.stack(
-        [(cols - CAMERA.cx_px) / CAMERA.fx_px, (rows - CAMERA.cy_px) / CAMERA.fy_px, np.ones(rows.shape)], axis=-1
-    ).reshape(-1, 3)
-    depth = cast(solids, world_from_camera.translation, rays @ world_from_camera.rotation.T)
+    depth = cast(solids, world_from_camera.translation, _RAYS @ world_from_camera.rotation.T)
     if rng is not None:
         depth = depth + rng.standard_normal(depth.shape) * 0.0017 * np.minimum(depth, 10.0) ** 2
         depth[rng.random(depth.shape) < 0.01] = np.nan
     depth[(depth < 0.3) | (depth > 8.0)] = np.nan
-    return depth.reshape(rows.shape).astype(np.float32)
+    return depth.reshape(CAMERA.height_px, CAMERA.width_px).astype(np.float32)
 
 
 def sonar_reading(solids: tuple[Solid, ...], body: WalkerBody, stamp_s: float) -> SonarReading:
@@ -176,3 +192,53 @@ def walk(
             break
     result.contacts, result.seconds = body.contacts, body.time_s
     return result
+
+
+# ---------------------------------------------------------------------------------------------- the device in a loop
+GLASS = "glass"
+"""Solids of this name are looked through, and heard."""
+_BLACK = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
+
+
+class BoxWorld(SimulatedWorld):
+    """The simulated world with boxes in place of pictures: for the real device with all but its SLAM."""
+
+    def __init__(
+        self, solids: Sequence[Solid], movers: Sequence[Moving], walker: WalkerParameters, start: Start, seed: int
+    ) -> None:
+        building = Building("boxes", {}, (), tuple(solids), (), (), ((start.x_m, start.y_m),), tuple(movers))
+        super().__init__(building, walker, start, seed, size_px=(CAMERA.width_px, CAMERA.height_px), renderer=object())
+        self._noise = np.random.default_rng([seed, 3])
+
+    def _around(self) -> tuple[Solid, ...]:
+        return (*self.building.solids, *self.building.moving_solids(self._placements(self.now_s())))
+
+    def capture(self) -> Frame:
+        """Return what the depth camera sees now; glass it does not."""
+        seen = tuple(solid for solid in self._around() if solid.name != GLASS)
+        return Frame(self.now_s(), _BLACK, depth_image(seen, self._head(), self._noise))
+
+    def ping(self) -> SonarReading:
+        """Return the nearest echo now; everything reflects."""
+        return sonar_reading(self._around(), self.truth(), self.now_s())
+
+
+class NoisyTruth:
+    """A localizer that knows the truth up to some centimetres; ``lost`` says when it knows nothing."""
+
+    def __init__(self, world: SimulatedWorld, seed: int) -> None:
+        self._world, self._rng = world, np.random.default_rng([seed, 4])
+        self.lost = False
+
+    def locate(self, frame: Frame) -> Localization:
+        """Return the pose."""
+        if self.lost:
+            return Localization(frame.stamp_s, LocalizationQuality.LOST, None)
+        head = self._world.true_head()
+        noise = self._rng.standard_normal(4) * (0.03, 0.03, 0.01, math.radians(0.7))
+        rotation = rotation_about_z(float(noise[3])) @ head.rotation
+        believed = Transform.from_rotation_translation(rotation, head.translation + noise[:3])
+        return Localization(frame.stamp_s, LocalizationQuality.LOCALIZED, believed, np.eye(6) * 1e-3, 200)
+
+    def apply(self, settings: Settings) -> None:
+        """There is nothing to set."""

@@ -178,8 +178,10 @@ def hear(body: WalkerBody, cue: Cue, walker: WalkerParameters, rng: np.random.Ge
     if cue.kind is CueKind.TURN:
         heard.append(Intention(max(latest_s, now_s + spoken_s), cue.kind, goal_rad, begins_turn=True))
     if cue.kind in _STOPPING:
-        # "Stop" does not wait for its turn, and forgets what else was to be done.
-        return replace(body, intentions=(Intention(now_s + delay_s, cue.kind, None),))
+        # "Stop" does not wait for its turn, and forgets what else was to be done. Who is about to stand anyhow is not
+        # kept from it by hearing so again.
+        stands = [each.act_at_s for each in body.intentions if each.kind in (*_STOPPING, CueKind.TURN)]
+        return replace(body, intentions=(Intention(min([now_s + delay_s, *stands]), cue.kind, None),))
     return replace(body, intentions=(*body.intentions, *heard))
 
 

@@ -29,6 +29,8 @@ _KEPT_WITHIN_M = 3.0
 _LOW_M = 0.9
 """What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
+_STANDS_COUNT = 15
+"""What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
@@ -161,7 +163,8 @@ def _closed(
 def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> NDArray[np.bool_]:
     """Return which places (k,) are neither too old, nor too far away, nor seen to be empty now."""
     bearing_rad, range_m = _from(pose, memory.places_m)
-    patience_s = np.where(memory.top_m < _LOW_M, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
+    stays = (memory.top_m < _LOW_M) | (memory.seen_count >= _STANDS_COUNT)
+    patience_s = np.where(stays, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
     young = np.abs(now_s - memory.seen_s) <= patience_s
     index = _bearing_index(scan, bearing_rad)
     inside = index >= 0

@@ -129,7 +129,8 @@ def _with_what_was_seen(
     half_field_rad = math.radians(settings.gate.half_field_deg)
     obstacles = remember(state.obstacles, scan, pose, stamp_s)
     heard = remember_heard(state.heard, scan, echo_m, half_field_rad, pose, stamp_s)
-    recent = with_scan(state.recent_scans, scan, pose, stamp_s)
+    sure = located.quality is LocalizationQuality.LOCALIZED
+    recent = with_scan(state.recent_scans, scan, pose, stamp_s) if sure else ()
     state = replace(state, obstacles=obstacles, heard=heard, recent_scans=recent)
     coming = anticipated(scan, closing_speed_m_s(recent), settings.obstacle)
     return state, with_memory(coming, obstacles.and_also(heard), pose, settings.obstacle)

@@ -178,7 +178,8 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
         return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
     error = relative_to(there.expected, pose.heading)
     best, required_m, rule = _optimal(cycle, pose.heading, there)
-    narrows = best is not None and required_m == _narrow_m(cycle) and not _may_be_narrow(cycle, trace)
+    is_narrow = required_m == _narrow_m(cycle) and there.offset_m == 0.0
+    narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     # Who walks fast needs more than the stop distance to come to a stand.
     stop_m = max(settings.obstacle.stop_distance_m, stopping_distance_m(trace.speed_m_s, settings.follower))
@@ -209,6 +210,9 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     """
     settings, error = cycle.settings, relative_to(there.expected, heading)
     required_m = required_clearance_m(there.reach_m, settings.obstacle, settings.obstacle.clearance_m)
+    if there.offset_m != 0.0:
+        # The line round what is in the way is known to be free farther than its first, slanting piece.
+        required_m = min(required_m, _narrow_m(cycle))
     free = walkable(cycle.scan.candidates, required_m)
     best = optimal_direction(
         walkable(_as_heard(cycle), required_m) or free, there.expected, heading, there.deviation_m, settings.follower,

@@ -19,6 +19,8 @@ _IN_THE_WAY_M = 0.8
 _BROAD_M = 0.6
 _STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
 _FARTHEST_ASIDE_M = 0.9
+_PATIENCE_S = 4.0
+"""Who has stood before the walker for so long without being passed goes back to where there is more room."""
 IsFree = Callable[[float, float], bool]
 
 
@@ -30,6 +32,8 @@ class Courtesy:
     """How long they have stood so far: they are so late."""
     aside_m: tuple[float, float] = (0.0, 0.0)
     """How far they are beside their path now."""
+    standing_s: float = 0.0
+    """How long they have been standing before the walker, or going back from them, without a break."""
 
 
 def beside_path(placement: Placement | None, courtesy: Courtesy) -> Placement | None:
@@ -57,12 +61,16 @@ def given_way(
     ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
     distance_m = math.hypot(dx_m, dy_m)
     if ahead_m <= 0.0 or distance_m > _NOTICED_M:
-        return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s))
+        return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s), standing_s=0.0)
     if abs(left_m) < _IN_THE_WAY_M:
         sign = -1.0 if left_m > 0.0 else 1.0
         courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
+    goes_back = courtesy.standing_s > _PATIENCE_S
     stands = distance_m < _STOPS_M and abs(left_m) < _BROAD_M
-    return replace(courtesy, waited_s=courtesy.waited_s + dt_s) if stands else courtesy
+    if not stands and not goes_back:
+        return replace(courtesy, standing_s=0.0)
+    late_s = 2.0 * dt_s if goes_back else dt_s
+    return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=courtesy.standing_s + dt_s)
 
 
 def _stepped(

@@ -21,8 +21,8 @@ from navcore.types import ObstacleScan, Pose2D, Route
 
 _SEEN_M = 3.5
 """Farther ahead nothing is gone round yet."""
-_FREE_M = 1.6
-"""A line must be free for this at least, or it leads nowhere."""
+_FREE_M, _STILL_FREE_M = 1.6, 1.3
+"""A line must be free for this at least, or it leads nowhere; one that is followed already, for less."""
 _FARTHEST_M, _STEP_M = 1.2, 0.1
 _LED_OVER_M = 1.2
 """Along the road, from where the walker is to the line."""
@@ -77,7 +77,7 @@ def line_beside(
     length_m = float(arcs[last] - arcs[closest_index])
     free_m = _free_m(offsets_m, here_m, along_m, aside_m, half_width_m, length_m)
     middle = len(offsets_m) // 2
-    needed_m = min(_FREE_M, length_m)
+    needed_m = min(_STILL_FREE_M if last_offset_m != 0.0 else _FREE_M, length_m)
     if free_m[middle] >= length_m and last_offset_m == 0.0:
         return None
     roomy_m = _free_m(offsets_m, here_m, along_m, aside_m, half_width_m + _ROOMY_M, length_m)

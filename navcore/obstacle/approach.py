@@ -35,6 +35,8 @@ _SLOWEST_M_S = 0.3
 _BODY_M = 0.4
 """Neighbouring bearings that differ by more than this show different things."""
 _ASIDE_RAD = math.radians(4.0)
+_TALL_M = 0.6
+"""What is lower, and the edge of a drop, does not come by itself."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +122,7 @@ def _has_come(now: SeenBefore, before: SeenBefore) -> NDArray[np.bool_]:
     bearing_rad, range_m = _seen_from(before.pose, points)
     come = np.zeros(len(known), np.bool_)
     come[known] = _was_free(before.scan, bearing_rad, range_m)
-    return come
+    return come & (now.scan.top_m >= _TALL_M)
 
 
 def _was_free(scan: ObstacleScan, bearing_rad: FloatArray, range_m: FloatArray) -> NDArray[np.bool_]:

@@ -20,7 +20,8 @@ _BROAD_M = 0.6
 _STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
 _FARTHEST_ASIDE_M = 0.9
 _PATIENCE_S = 4.0
-"""Who has stood before the walker for so long without being passed goes back to where there is more room."""
+_GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
+"""Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""
 IsFree = Callable[[float, float], bool]
 
 
@@ -60,16 +61,24 @@ def given_way(
     c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
     ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
     distance_m = math.hypot(dx_m, dy_m)
+    if courtesy.standing_s > _PATIENCE_S:
+        return _making_room(courtesy, dt_s)
     if ahead_m <= 0.0 or distance_m > _NOTICED_M:
         return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s), standing_s=0.0)
     if abs(left_m) < _IN_THE_WAY_M:
         sign = -1.0 if left_m > 0.0 else 1.0
         courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
-    goes_back = courtesy.standing_s > _PATIENCE_S
-    stands = distance_m < _STOPS_M and abs(left_m) < _BROAD_M
-    if not stands and not goes_back:
+    if distance_m >= _STOPS_M or abs(left_m) >= _BROAD_M:
         return replace(courtesy, standing_s=0.0)
-    late_s = 2.0 * dt_s if goes_back else dt_s
+    return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
+
+
+def _making_room(courtesy: Courtesy, dt_s: float) -> Courtesy:
+    """Go back along the path, and let the walker pass."""
+    since_s = courtesy.standing_s - _PATIENCE_S
+    if since_s > _GOES_BACK_S + _LETS_PASS_S:
+        return replace(courtesy, standing_s=0.0)
+    late_s = 2.0 * dt_s if since_s < _GOES_BACK_S else dt_s
     return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=courtesy.standing_s + dt_s)
 
 

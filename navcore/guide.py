@@ -16,7 +16,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
-from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to
+from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to, wrap_rad
 from navcore.follower.aim import Aim, aim
 from navcore.follower.direction import (
     between_candidates,
@@ -59,6 +59,11 @@ _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
+_LOOK_ROUND = relative_angle(math.radians(60.0))
+_LOOK_ROUND_AFTER_S, _LOOK_ROUND_S = 5.0, 30.0
+"""Long enough to be turned by 60° some seven times."""
+_FARTHEST_ASIDE_RAD = math.radians(40.0)
+"""Road-centred: a free direction that is farther than this from the expected one leads somewhere else."""
 _TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
 """Somebody who is led round something may head this far from the expected direction before they are turned back."""
@@ -81,6 +86,9 @@ class _Cycle:
     def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
         return self._result(Action.TURN, direction, reason, replace(trace, turn=kind), rule)
+
+    def turn_lost(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+        return self._result(Action.TURN, direction, Reason.POSE_LOST, trace, rule)
 
     def turn_along(self, error: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
@@ -213,9 +221,11 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     if there.offset_m != 0.0:
         # The line round what is in the way is known to be free farther than its first, slanting piece.
         required_m = min(required_m, _narrow_m(cycle))
-    free = walkable(cycle.scan.candidates, required_m)
+    free, heard = (
+        _towards(cycle, error, walkable(each, required_m)) for each in (cycle.scan.candidates, _as_heard(cycle))
+    )
     best = optimal_direction(
-        walkable(_as_heard(cycle), required_m) or free, there.expected, heading, there.deviation_m, settings.follower,
+        heard or free, there.expected, heading, there.deviation_m, settings.follower,
         _last_direction(cycle, heading),
     )  # fmt: skip
     narrow_m = _narrow_m(cycle)
@@ -226,6 +236,15 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
         best = between_candidates(best, error, math.radians(settings.obstacle.candidate_step_deg))
     corrects = needs_correction(there.deviation_m, error, settings.follower)
     return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
+
+
+def _towards(
+    cycle: _Cycle, error: RelativeAngle, candidates: tuple[CandidateDirection, ...]
+) -> tuple[CandidateDirection, ...]:
+    """Return those of D that lead where the walker is to go; for the policy ``paper`` that is all of them."""
+    if cycle.settings.follower.policy == "paper":
+        return candidates
+    return tuple(each for each in candidates if abs(wrap_rad(error - each.angle)) <= _FARTHEST_ASIDE_RAD)
 
 
 def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
@@ -373,10 +392,21 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
 
 
 def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
-    """Stop, and remember only where on the route the walker was: they may be found again on another leg of it."""
+    """Stop, and remember only where on the route the walker was: they may be found again on another leg of it.
+
+    Who faces a wall is never found, however long they stand: after a while they are turned, once round, on the spot,
+    which needs neither a pose nor free space.
+    """
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
-    return cycle.stop(Reason.POSE_LOST, replace(trace, lost_index=index), why)
+    was_lost = cycle.previous is not None and cycle.previous.reason is Reason.POSE_LOST
+    since_s = before.lost_since_s if before is not None and was_lost else None
+    trace = replace(trace, lost_index=index, lost_since_s=cycle.stamp_s if since_s is None else since_s)
+    lost_for_s = 0.0 if since_s is None else cycle.stamp_s - since_s
+    if index is not None and _LOOK_ROUND_AFTER_S <= lost_for_s < _LOOK_ROUND_AFTER_S + _LOOK_ROUND_S:
+        looking = replace(trace, turn=TurnKind.LOOK)
+        return cycle.turn_lost(_LOOK_ROUND, looking, f"{why}: look round")
+    return cycle.stop(Reason.POSE_LOST, trace, why)
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:

@@ -26,7 +26,7 @@ _KEPT_WITHIN_M = 3.0
 _LOW_M = 0.9
 """What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
-_STANDS_COUNT = 15
+_STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""

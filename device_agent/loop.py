@@ -144,17 +144,10 @@ def _decide(
     route = state.route if state.leading else None
     guidance = guide(
         stamp_s, located, route, scan, sonar, state.guidance, state.settings,
-        paused=state.mode == "paused", route_version=state.route_version,
+        paused=state.mode == "paused", wanted=state.mode == "guiding", route_version=state.route_version,
     )  # fmt: skip
     if state.mode == "arrived" and guidance.reason is Reason.NO_ROUTE:
         return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
-    if state.mode == "guiding" and route is None:
-        # A way is wanted, but where it begins is not known for sure yet.
-        return replace(
-            guidance,
-            reason=Reason.POSE_LOST,
-            trace=replace(guidance.trace, rule="where the way begins is not known yet"),
-        )
     return guidance
 
 

@@ -2,7 +2,7 @@
 
 A pure function of frozen values; its only memory is the guidance of the frame before. ::
 
-    paused? no route? pose lost?         -> stop
+    paused? no route? pose lost?         -> stop (who stays lost is turned to look round)
     Eqs. 1, 2   closest point, sub-goal  -> arrived? stop
     Eq. 3       expected direction       -> far to the side? turn on the spot
     depth invalid? near drop, obstacle?  -> stop (or turn aside, which needs no free space)
@@ -27,7 +27,14 @@ from navcore.follower.direction import (
     widest_direction,
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
-from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
+from navcore.follower.look import (
+    LOOK_AFTER_S,
+    LOOK_ROUND,
+    LOOK_ROUND_AFTER_S,
+    LOOK_ROUND_FOR_S,
+    SIDES,
+    look_target,
+)
 from navcore.follower.road_centred import stopping_distance_m, walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
@@ -111,6 +118,7 @@ def guide(
     settings: Settings,
     *,
     paused: bool = False,
+    wanted: bool = False,
     route_version: int = 0,
 ) -> Guidance:
     """Return what the walker is to do now, and everything that led to it.
@@ -124,6 +132,7 @@ def guide(
         previous: the guidance of the frame before; None at the start.
         settings: all thresholds.
         paused: guidance is held.
+        wanted: a destination is wanted, so that the lack of a route means only that its beginning is not known yet.
         route_version: changes with the route; what was remembered about another one is dropped.
     """
     cycle = _Cycle(
@@ -133,6 +142,8 @@ def guide(
     trace = _sensed(cycle, localization)
     if paused:
         return cycle.stop(Reason.PAUSED, _remembered(cycle, trace), "guidance is paused")
+    if route is None and wanted:
+        return _lost(cycle, trace, "where the way begins is not known yet")
     if route is None:
         return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
     pose = localization.pose
@@ -368,10 +379,18 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
 
 
 def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
-    """Stop, and remember only where on the route the walker was: they may be found again on another leg of it."""
+    """Stop, and remember only where on the route the walker was: they may be found again on another leg of it.
+
+    Who stays lost is turned once round, on the spot: somebody who faces a wall sees nothing that the map could know.
+    """
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
-    return cycle.stop(Reason.POSE_LOST, replace(trace, lost_index=index), why)
+    since_s = cycle.stamp_s if before is None or before.lost_since_s is None else before.lost_since_s
+    trace = replace(trace, lost_index=index, lost_since_s=since_s)
+    if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
+        return cycle.stop(Reason.POSE_LOST, trace, why)
+    trace = replace(trace, turn=TurnKind.LOOK)
+    return cycle._result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, f"{why}: look round for a known place")
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:

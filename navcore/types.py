@@ -410,6 +410,8 @@ class DecisionTrace:
     """Index of P_cls in the route (Eq. 1)."""
     lost_index: int | None = None
     """P_cls when the pose was lost; None while it is known."""
+    lost_since_s: float | None = None
+    """Since when the pose has been lost; None while it is known."""
     deviation_m: float | None = None
     """Distance from the route."""
     remaining_m: float | None = None

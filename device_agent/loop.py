@@ -14,6 +14,7 @@ from device_agent.orders import mode_event
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, Effect, Happened
 from device_agent.voice import Voice
+from device_agent.watchdog import is_fresh
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
@@ -156,17 +157,10 @@ def _decide(
     route = state.route if state.leading else None
     guidance = guide(
         stamp_s, located, route, scan, sonar, state.guidance, state.settings,
-        paused=state.mode == "paused", route_version=state.route_version,
+        paused=state.mode == "paused", wanted=state.mode == "guiding", route_version=state.route_version,
     )  # fmt: skip
     if state.mode == "arrived" and guidance.reason is Reason.NO_ROUTE:
         return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
-    if state.mode == "guiding" and route is None:
-        # A way is wanted, but where it begins is not known for sure yet.
-        return replace(
-            guidance,
-            reason=Reason.POSE_LOST,
-            trace=replace(guidance.trace, rule="where the way begins is not known yet"),
-        )
     return guidance
 
 
@@ -180,7 +174,7 @@ def _fresh_or_stop(
     if guidance.action is Action.STOP:
         return state, guidance
     age_s = now_s - guidance.stamp_s
-    if not age_s <= state.settings.watchdog.guidance_timeout_s:
+    if not is_fresh(guidance.stamp_s, now_s, state.settings.watchdog.guidance_timeout_s):
         rule = f"The decision is {age_s:.2f} s old: too old to walk by."
         return replace(state, failed_s=now_s), _stopped(guidance, rule)
     fresh_for_s = now_s - max(state.failed_s, stale_s)
@@ -224,9 +218,10 @@ _FAULT_REASONS = {"localize": Reason.POSE_LOST, "scan": Reason.DEPTH_INVALID}
 
 
 def _stop(state: DeviceState, now_s: float, reason: Reason, rule: str) -> Guidance:
-    """Stop, but remember the place on the route."""
+    """Stop, but remember the place on the route, and what the rangefinder did: it has not failed with the rest."""
     before = state.guidance.trace if state.guidance is not None else DecisionTrace()
     trace = DecisionTrace(
-        sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index, rule=rule
-    )
+        sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index,
+        sonar_state=before.sonar_state, rule=rule,
+    )  # fmt: skip
     return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

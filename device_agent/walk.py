@@ -37,8 +37,8 @@ from navcore.wire import SetDestination
 
 _AFTER_ARRIVAL_S = 2.0
 """The walker needs this long to come to a stand; a contact meanwhile counts."""
-_NO_WAY_S = 10.0
-"""Somebody who stands and has been shown no way for this long will not be shown one."""
+_NO_WAY_S = 60.0
+"""Somebody who has been shown no way for this long, having looked round, will not be shown one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

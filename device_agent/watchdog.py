@@ -23,6 +23,8 @@ from navcore.types import Reason
 REPEAT_AFTER_S = 2.0
 """Time between two cues *Stop* of one incident."""
 CHECK_EVERY_S = 0.05
+CLOCKS_DIFFER_S = 0.1
+"""So far a sensor's clock may be ahead of the device's."""
 _log = logging.getLogger(__name__)
 
 
@@ -59,10 +61,14 @@ class Verdict(enum.Enum):
     RECOVERED = "recovered"
 
 
+def is_fresh(stamp_s: float, now_s: float, timeout_s: float) -> bool:
+    """Return whether a stamp is recent; one that is no number, or of the future, would otherwise be so for ever."""
+    return -CLOCKS_DIFFER_S <= now_s - stamp_s <= timeout_s
+
+
 def keep_watch(vigil: Vigil, heartbeat: Heartbeat, now_s: float) -> tuple[Vigil, Verdict]:
     """Look at the heartbeat once; return what to remember, and what to do."""
-    # So written that a stamp which is no number is stale, too.
-    stale = bool(heartbeat.fault) or not now_s - heartbeat.stamp_s <= heartbeat.timeout_s
+    stale = bool(heartbeat.fault) or not is_fresh(heartbeat.stamp_s, now_s, heartbeat.timeout_s)
     if not stale:
         return Vigil(), Verdict.RECOVERED if vigil.alarmed else Verdict.QUIET
     if not vigil.alarmed:
@@ -118,7 +124,9 @@ class Watchdog:
         """Look once, and play *Stop* where it is due."""
         with self._lock:
             now_s, heartbeat = self._clock.now_s(), self._heartbeat
-            self._vigil, verdict = keep_watch(self._vigil, heartbeat, now_s)
+            # What will be stale at the next look is told of now: "within half a second" holds for what is heard.
+            early = replace(heartbeat, timeout_s=heartbeat.timeout_s - CHECK_EVERY_S)
+            self._vigil, verdict = keep_watch(self._vigil, early, now_s)
             if self._vigil.alarmed:
                 self._stale_s = now_s
         if verdict in (Verdict.ALARM, Verdict.REPEAT) and heartbeat.leading:

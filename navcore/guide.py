@@ -2,7 +2,7 @@
 
 A pure function of frozen values; its only memory is the guidance of the frame before. ::
 
-    paused? no route? pose lost?         -> stop
+    paused? no route? pose lost?         -> stop (who stays lost is turned to look round)
     Eqs. 1, 2   closest point, sub-goal  -> arrived? stop
     Eq. 3       expected direction       -> far to the side? turn on the spot
     depth invalid? near drop, obstacle?  -> stop (or turn aside, which needs no free space)
@@ -16,6 +16,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to, wrap_rad
 from navcore.follower.aim import Aim, aim
 from navcore.follower.direction import (
@@ -27,7 +29,14 @@ from navcore.follower.direction import (
     widest_direction,
 )
 from navcore.follower.gate import current_reading, echo_distance_m, walking_direction
-from navcore.follower.look import LOOK_AFTER_S, SIDES, look_target
+from navcore.follower.look import (
+    LOOK_AFTER_S,
+    LOOK_ROUND,
+    LOOK_ROUND_AFTER_S,
+    LOOK_ROUND_FOR_S,
+    SIDES,
+    look_target,
+)
 from navcore.follower.road_centred import stopping_distance_m, walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
@@ -59,9 +68,6 @@ _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
-_LOOK_ROUND = relative_angle(math.radians(60.0))
-_LOOK_ROUND_AFTER_S, _LOOK_ROUND_S = 5.0, 30.0
-"""Long enough to be turned by 60° some seven times."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
 """Road-centred: a free direction that is farther than this from the expected one leads somewhere else."""
 _TOWARDS_RAD = math.radians(15.0)
@@ -86,9 +92,6 @@ class _Cycle:
     def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
         return self._result(Action.TURN, direction, reason, replace(trace, turn=kind), rule)
-
-    def turn_lost(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
-        return self._result(Action.TURN, direction, Reason.POSE_LOST, trace, rule)
 
     def turn_along(self, error: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
@@ -119,6 +122,7 @@ def guide(
     settings: Settings,
     *,
     paused: bool = False,
+    wanted: bool = False,
     route_version: int = 0,
 ) -> Guidance:
     """Return what the walker is to do now, and everything that led to it.
@@ -132,6 +136,7 @@ def guide(
         previous: the guidance of the frame before; None at the start.
         settings: all thresholds.
         paused: guidance is held.
+        wanted: a destination is wanted, so that the lack of a route means only that its beginning is not known yet.
         route_version: changes with the route; what was remembered about another one is dropped.
     """
     cycle = _Cycle(
@@ -141,6 +146,8 @@ def guide(
     trace = _sensed(cycle, localization)
     if paused:
         return cycle.stop(Reason.PAUSED, _remembered(cycle, trace), "guidance is paused")
+    if route is None and wanted:
+        return _lost(cycle, trace, "where the way begins is not known yet")
     if route is None:
         return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
     pose = localization.pose
@@ -360,14 +367,15 @@ def _last_direction(cycle: _Cycle, heading: WorldAngle) -> RelativeAngle | None:
 
 
 def _blocking_reason(cycle: _Cycle, towards: float) -> Reason:
-    """Why a direction is closed: a drop, something seen, or nothing seen at all."""
+    """Why a direction is closed: a drop, what is nearest, seen or only heard, or nothing that is known at all."""
     scan = cycle.scan
     near = (abs(scan.bearing_rad - towards) < _TOWARDS_RAD) & (scan.nearest_m < cycle.settings.obstacle.clearance_m)
+    if not bool(near.any()):
+        return Reason.NO_CANDIDATE
     if bool((near & (scan.state == BearingState.DROP)).any()):
         return Reason.DROP_AHEAD
-    if bool((near & (scan.state == BearingState.OBSTACLE)).any()):
-        return Reason.OBSTACLE_DEPTH
-    return Reason.NO_CANDIDATE
+    nearest = int(np.argmin(np.where(near, scan.nearest_m, np.inf)))
+    return Reason.OBSTACLE_SONAR if scan.state[nearest] == BearingState.HEARD else Reason.OBSTACLE_DEPTH
 
 
 def _is_finite(pose: Pose2D) -> bool:
@@ -394,19 +402,16 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
 def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
     """Stop, and remember only where on the route the walker was: they may be found again on another leg of it.
 
-    Who faces a wall is never found, however long they stand: after a while they are turned, once round, on the spot,
-    which needs neither a pose nor free space.
+    Who stays lost is turned once round, on the spot: somebody who faces a wall sees nothing that the map could know.
     """
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
-    was_lost = cycle.previous is not None and cycle.previous.reason is Reason.POSE_LOST
-    since_s = before.lost_since_s if before is not None and was_lost else None
-    trace = replace(trace, lost_index=index, lost_since_s=cycle.stamp_s if since_s is None else since_s)
-    lost_for_s = 0.0 if since_s is None else cycle.stamp_s - since_s
-    if index is not None and _LOOK_ROUND_AFTER_S <= lost_for_s < _LOOK_ROUND_AFTER_S + _LOOK_ROUND_S:
-        looking = replace(trace, turn=TurnKind.LOOK)
-        return cycle.turn_lost(_LOOK_ROUND, looking, f"{why}: look round")
-    return cycle.stop(Reason.POSE_LOST, trace, why)
+    since_s = cycle.stamp_s if before is None or before.lost_since_s is None else before.lost_since_s
+    trace = replace(trace, lost_index=index, lost_since_s=since_s)
+    if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
+        return cycle.stop(Reason.POSE_LOST, trace, why)
+    trace = replace(trace, turn=TurnKind.LOOK)
+    return cycle._result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, f"{why}: look round for a known place")
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:

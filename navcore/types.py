@@ -281,6 +281,8 @@ class BearingState(enum.IntEnum):
     OBSTACLE = 1
     DROP = 2
     UNKNOWN = 3
+    HEARD = 4
+    """Something that the rangefinder has heard and the image does not show."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -417,7 +419,7 @@ class DecisionTrace:
     lost_index: int | None = None
     """P_cls when the pose was lost; None while it is known."""
     lost_since_s: float | None = None
-    """Since when it has been lost; None while it is known."""
+    """Since when the pose has been lost; None while it is known."""
     deviation_m: float | None = None
     """Distance from the route."""
     offset_m: float = 0.0

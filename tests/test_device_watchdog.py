@@ -40,7 +40,7 @@ def test_one_stop_per_incident_repeated_while_it_lasts() -> None:
         clock.sleep_until(clock.now_s() + CHECK_EVERY_S)
     stamps = [cue.stamp_s for cue in output.cues]
     assert len(stamps) == 3
-    assert 10.5 < stamps[0] <= 10.5 + 2 * CHECK_EVERY_S
+    assert 10.5 - 2 * CHECK_EVERY_S < stamps[0] <= 10.5
     assert all(later - earlier >= REPEAT_AFTER_S for earlier, later in itertools.pairwise(stamps))
     assert {(cue.kind, cue.priority) for cue in output.cues} == {(CueKind.STOP, CuePriority.STOP)}
     assert dog.stop_count == 3
@@ -79,10 +79,10 @@ def test_the_thread_stops_the_walker_while_the_loop_hangs_and_is_quiet_again_aft
     dog.beat(Heartbeat(10.0, leading=True, timeout_s=0.5))
     dog.start()
     clock.wait_for_sleepers(1)
-    for _ in range(9):
+    for _ in range(8):
         advance_one_look(clock)
     assert not stopped.is_set()
-    for _ in range(3):
+    for _ in range(2):
         advance_one_look(clock)
     assert stopped.wait(10.0)
     dog.stop()

@@ -18,7 +18,6 @@ from device_agent.state import DeviceState
 from device_agent.walk import Moment, lead
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
-from navcore.types import Reason, TurnKind
 from navcore.wire import SetDestination
 
 ISSUE = (

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from navcore.angles import RelativeAngle, WorldAngle, world_angle
+from navcore.angles import RelativeAngle, WorldAngle, relative_angle, world_angle
 from navcore.types import ObstacleScan
 
 LOOK_RAD = math.radians(30.0)
@@ -18,6 +18,10 @@ LOOK_RAD = math.radians(30.0)
 LOOK_AFTER_S = 2.0
 """Time to wait first: people who stand in the way mostly walk on."""
 SIDES = 2
+LOOK_ROUND = relative_angle(math.radians(45.0))
+"""Who is lost is turned by so much at a time, always to the same side."""
+LOOK_ROUND_AFTER_S, LOOK_ROUND_FOR_S = 4.0, 40.0
+"""Most are found again at once; and once round, with the time to hear each turn and to make it, is enough."""
 _SEES_M = 3.0
 
 

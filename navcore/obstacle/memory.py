@@ -29,7 +29,7 @@ _KEPT_WITHIN_M = 3.0
 _LOW_M = 0.9
 """What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
-_STANDS_COUNT = 15
+_STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
@@ -41,6 +41,7 @@ _UNSEEN_MARGIN_M = 0.4
 _ABOUT_RAD = math.radians(10.0)
 _INSIDE_IMAGE = 0.95
 _MAX_PLACES = 4000
+_HEARD_TOP_M = math.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,7 +50,7 @@ class ObstacleMemory:
 
     cell: NDArray[np.int64] = field(default_factory=lambda: np.zeros((0, 2), np.int64))
     top_m: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """Height (k,); 0 for a drop."""
+    """Height (k,); 0 for a drop, inf for what was only heard."""
     seen_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     """When (k,) it was last seen."""
     seen_count: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
@@ -115,8 +116,8 @@ def remember_heard(
     angles = pose.heading + np.linspace(-half_field_rad, half_field_rad, count)
     points = np.stack([np.cos(angles), np.sin(angles)], axis=1) * echo_m + (pose.x_m, pose.y_m)
     cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
-    tall = np.full(len(cells), _LOW_M)
-    return _merged(heard, ObstacleMemory(cells, tall, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))
+    top_m = np.full(len(cells), _HEARD_TOP_M)
+    return _merged(heard, ObstacleMemory(cells, top_m, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))
 
 
 def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settings: ObstacleSettings) -> ObstacleScan:
@@ -156,8 +157,14 @@ def _closed(
         # NaN, unknown, is not nearer: something known to be there makes it known to be closed.
         if not nearest_m[i] <= range_m[k]:
             nearest_m[i] = range_m[k]
-            state[i] = BearingState.OBSTACLE if top_m[k] > 0.0 else BearingState.DROP
+            state[i] = _state_of(float(top_m[k]))
     return nearest_m, state
+
+
+def _state_of(top_m: float) -> BearingState:
+    if top_m == _HEARD_TOP_M:
+        return BearingState.HEARD
+    return BearingState.OBSTACLE if top_m > 0.0 else BearingState.DROP
 
 
 def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> NDArray[np.bool_]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from device_agent.simulation.building import (
     Building,
+    Mover,
     Place,
     Start,
     checked_seed,
@@ -196,10 +197,10 @@ class SimulatedWorld:
         )
 
     def _give_way(self, placements: tuple[Placement | None, ...], dt_s: float) -> None:
-        """People who see give way to the walker."""
+        """People who walk their way give way to the walker; whatever else moves knows itself what it does."""
         body = self._body
-        for number, placement in enumerate(placements):
-            if placement is not None:
+        for number, (mover, placement) in enumerate(zip(self.building.movers, placements, strict=True)):
+            if placement is not None and isinstance(mover, Mover):
                 self._courtesies[number] = given_way(
                     self._courtesies[number], placement, body.x_m, body.y_m, self._has_room, dt_s
                 )

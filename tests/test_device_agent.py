@@ -243,7 +243,7 @@ def test_a_new_way_is_planned_when_the_walker_has_left_the_road_for_good(rig: Ri
 def test_settings_take_effect_with_an_acknowledgement_or_not_at_all(tmp_path: Path) -> None:
     store = DeviceStore(tmp_path / "state", tmp_path / "site")
     rig = Rig(store)
-    rig.agent.submit(ApplySettings(7, {"follower.sub_goal_distance_m": 1.5}))
+    rig.agent.submit(ApplySettings(7, {"follower.policy": "paper", "follower.sub_goal_distance_m": 1.5}))
     goal = rig.lead_to().guidance.trace.sub_goal
     assert goal is not None
     assert goal.x_m - 0.5 == pytest.approx(1.5, abs=0.2)

@@ -23,7 +23,7 @@ from navcore.follower.sub_goal import closest_point, has_arrived, select_sub_goa
 from navcore.settings import FollowerSettings, GateSettings, ObstacleSettings
 from navcore.types import CandidateDirection, Pose2D, SonarReading, SonarState, SubGoal, SubGoalCase
 
-FOLLOWER, GATE, OBSTACLE = FollowerSettings(), GateSettings(), ObstacleSettings()
+FOLLOWER, GATE, OBSTACLE = FollowerSettings(policy="paper"), GateSettings(), ObstacleSettings()
 angles = st.floats(-math.pi, math.pi)
 places = st.floats(-50.0, 50.0)
 

@@ -46,7 +46,7 @@ from navcore.types import (
 )
 
 OK, NO_ECHO, STALE, ABSENT = SonarState.OK, SonarState.NO_ECHO, SonarState.STALE, SonarState.ABSENT
-FOLLOWER, GATE, OBSTACLE = FollowerSettings(), GateSettings(), ObstacleSettings()
+FOLLOWER, GATE, OBSTACLE = FollowerSettings(policy="paper"), GateSettings(), ObstacleSettings()
 AHEAD = world_angle(0.0)
 
 

@@ -88,7 +88,7 @@ def test_beside_the_box_nobody_is_led_back_into_it_and_behind_it_back_to_the_roa
     places = np.vstack([walls(), box_on(2.5, 0.0)])
     beside = line(places, Pose2D(2.2, 0.65, world_angle(0.0)), last=0.7, unseen=True)
     assert beside is not None
-    assert beside.offset_m >= 0.55
+    assert beside.offset_m >= 0.45, "over the rest of the box the line is still at least half a person beside it"
     assert line(places, Pose2D(3.2, 0.6, world_angle(0.0)), last=0.7, unseen=True) is None
 
 

@@ -24,11 +24,11 @@ _SEEN_M = 3.5
 _FREE_M, _STILL_FREE_M = 1.6, 1.3
 """A line must be free for this at least, or it leads nowhere; one that is followed already, for less."""
 _FARTHEST_M, _STEP_M = 1.2, 0.1
-_LED_OVER_M = 1.2
+_LED_OVER_M = 1.6
 """Along the road, from where the walker is to the line."""
-_ROOMY_M = 0.15
+_ROOMY_M = 0.12
 """Room beside a person's own width that is worth a detour."""
-_CROWDED_COST, _BLOCKED_COST, _CHANGE_COST = 0.4, 4.0, 0.3
+_CROWDED_COST, _BLOCKED_COST, _CHANGE_COST = 0.8, 8.0, 0.3
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
 """Stale or failed guidance is *Stop* within half a second by the clock, whatever happens to the loop.
 
-The real agent on the shipped fakes, on a clock that is moved by hand: whoever sleeps lets time pass, and every look that
-the watchdog's thread would take meanwhile is taken. One test has real threads.
+The real agent on the shipped fakes, on a clock that is moved by hand: whoever sleeps lets time pass, and every look
+that the watchdog's thread would take meanwhile is taken. One test has real threads.
 """
 
 from __future__ import annotations
@@ -105,7 +105,9 @@ class Walk:
 
     def stop_after_s(self) -> float:
         """Return how long after the last good guidance *Stop* was heard."""
-        stops = [cue.stamp_s for cue in self.output.cues if cue.kind is CueKind.STOP and cue.stamp_s >= self.last_good_s]
+        stops = [
+            cue.stamp_s for cue in self.output.cues if cue.kind is CueKind.STOP and cue.stamp_s >= self.last_good_s
+        ]
         assert stops, "no Stop was heard"
         return stops[0] - self.last_good_s
 

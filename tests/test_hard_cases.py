@@ -18,7 +18,6 @@ from device_agent.state import DeviceState
 from device_agent.walk import Moment, lead
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
-from navcore.types import Reason, TurnKind
 from navcore.wire import SetDestination
 
 ISSUE = (
@@ -101,6 +100,10 @@ def sliding_door() -> Actor:
     return thing(panel, *marks, cue_m=(5.0, 0.0, 3.0))
 
 
+def pulled_chair() -> Actor:
+    return thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 3.2))
+
+
 DOOR_WAY = (*CORRIDOR_WALLS, box(4.95, -1.2, 5.05, -0.6), box(4.95, 0.6, 5.05, 1.2))
 SOON = {"planning.blocked_hold_s": 5.0}
 ACROSS = box(4.5, -1.2, 4.7, 1.2)
@@ -122,7 +125,7 @@ SCENES = {
         (*RING_WALLS, replace(ACROSS, name=GLASS)), RING, settings=SOON, limit_s=80.0
     ),
     "chair pulled out": Scene(
-        actors=lambda: (thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 3.2)),),
+        actors=lambda: (pulled_chair(),),
     ),
     "legs side by side": Scene(ROOM_WALLS, SIDE_BY_SIDE, (0.0, -0.45, 0.0), "d", limit_s=80.0),
     "lost mid-corridor": Scene(meanwhile=lose_the_place),

@@ -4,17 +4,18 @@
 
 Each case of ``device_agent/experiments/hard_cases.py`` is walked in the office floor, by as many model walkers as
 there are seeds, under both policies. Prints a Markdown table of what is expected and what happened, and one JSON object
-with everything else; the exit status is 1 where something differs. ``--map`` keeps the map, which takes minutes to make.
+with everything else; the exit status is 1 where something differs. ``--map`` keeps the map, which takes minutes.
 """
 
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
@@ -103,16 +104,16 @@ def _side_by_side(graph: PoiGraph) -> PoiGraph:
     corners = {"up": (14.55, 7.4), "junction": (14.55, 12.8), "junction-2": (15.45, 12.8), "down": (15.45, 7.4)}
     places = {key: _in_map(graph, xy) for key, xy in corners.items()}
     pois = {key: Poi(key, key, "other", *xy) for key, xy in places.items()}
-    keys = list(corners)
     edges = {}
-    for a, b in zip(keys[:-1], keys[1:], strict=True):
+    for a, b in itertools.pairwise(corners):
         edges[f"{a}_{b}"] = Edge(f"{a}_{b}", a, b, (places[a], places[b]), math.dist(places[a], places[b]))
     return PoiGraph(graph.version + 1, pois, edges)
 
 
 def _in_map(graph: PoiGraph, place_m: tuple[float, float]) -> tuple[float, float]:
     """Return where a place of the building lies in the map, by the PoIs that both know."""
-    known = [(place, poi) for place in office_floor().places.values() for poi in graph.pois.values() if poi.name == place.name]  # fmt: skip
+    by_name = {poi.name: poi for poi in graph.pois.values()}
+    known = [(place, by_name[place.name]) for place in office_floor().places.values() if place.name in by_name]
     here = np.array([(place.x_m, place.y_m) for place, _ in known])
     there = np.array([(poi.x_m, poi.y_m) for _, poi in known])
     u, _, vt = np.linalg.svd((here - here.mean(axis=0)).T @ (there - there.mean(axis=0)))
@@ -201,7 +202,8 @@ class Row:
 
 def as_markdown(rows: list[Row]) -> str:
     """Return the table: a line for each case and policy."""
-    lines = ["| case | what happens | expected | policy | walks as expected | happened |", "| --- | --- | --- | --- | --- | --- |"]  # fmt: skip
+    heads = ("case", "what happens", "expected", "policy", "as expected", "happened")
+    lines = [_line(heads), _line(["---"] * len(heads))]
     for case in HARD_CASES:
         for policy in POLICIES:
             mine = [row for row in rows if row.case is case and row.policy == policy]
@@ -211,8 +213,12 @@ def as_markdown(rows: list[Row]) -> str:
             wrong = "; ".join(f"seed {row.seed}: {', '.join(row.differs)}" for row in mine if row.differs)
             seconds = " / ".join(f"{row.outcome.seconds:.0f}" for row in mine)
             what = wrong or f"as expected, {sum(row.outcome.contacts for row in mine)} contacts, {seconds} s"
-            lines.append(f"| {case.name} | {case.what_happens} | {case.outcome} | {policy} | {well} of {len(mine)} | {what} |")  # fmt: skip
+            lines.append(_line((case.name, case.what_happens, case.outcome, policy, f"{well} of {len(mine)}", what)))
     return "\n".join(lines)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return f"| {' | '.join(cells)} |"
 
 
 def _as_json(row: Row) -> dict[str, Any]:

@@ -75,9 +75,10 @@ def run_walk(
 ) -> WalkResult:
     """Lead a simulated walker from one place to another and measure. The same arguments give the same walk.
 
-    ``start`` is a place of the road, left as the road leaves it, or any spot and heading. ``walker`` is drawn from the seed where it is None; ``output`` hears every cue besides the walker; ``renderer`` may
-    be shared by walks in the same building, for making one takes seconds; a ``scenario`` that changes the building has
-    its own. Raises VbrError for unknown places.
+    ``start`` is a place of the road, left as the road leaves it, or any spot and heading. ``walker`` is drawn from the
+    seed where it is None; ``output`` hears every cue besides the walker; ``renderer`` may be shared by walks in the
+    same building, for making one takes seconds; a ``scenario`` that changes the building has its own. Raises VbrError
+    for unknown places.
     """
     use_one_core()
     settings = settings or Settings()

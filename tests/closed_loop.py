@@ -224,15 +224,16 @@ class BoxWorld(SimulatedWorld):
 
 
 class NoisyTruth:
-    """A localizer that knows the truth up to some centimetres; ``lost`` says when it knows nothing."""
+    """A localizer that knows the truth up to some centimetres, and for a while, where that is wanted, nothing."""
 
     def __init__(self, world: SimulatedWorld, seed: int) -> None:
         self._world, self._rng = world, np.random.default_rng([seed, 4])
-        self.lost = False
+        self.lost_s: tuple[float, float] | None = None
+        """From when to when it is lost."""
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose."""
-        if self.lost:
+        if self.lost_s is not None and self.lost_s[0] <= frame.stamp_s < self.lost_s[1]:
             return Localization(frame.stamp_s, LocalizationQuality.LOST, None)
         head = self._world.true_head()
         noise = self._rng.standard_normal(4) * (0.03, 0.03, 0.01, math.radians(0.7))

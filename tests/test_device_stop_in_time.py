@@ -1,7 +1,7 @@
 """Stale or failed guidance is *Stop* within half a second by the clock, whatever happens to the loop.
 
-The real agent on the shipped fakes, on a clock that is moved by hand: whoever sleeps lets time pass, and every look that
-the watchdog's thread would take meanwhile is taken. One test has real threads.
+The real agent on the shipped fakes, on a clock that is moved by hand: whoever sleeps lets time pass, and every look
+that the watchdog's thread would take meanwhile is taken. One test has real threads.
 """
 
 from __future__ import annotations

@@ -248,3 +248,97 @@ def test_who_starts_before_a_wall_is_turned_to_the_route_and_not_stopped():
     result = decide(here, seen(here, box(-5, 0.5, 20, 1.0)), sonar=SonarReading(0.0, SonarState.OK, 0.5))
     assert (result.action, result.trace.turn) == (Action.TURN, TurnKind.ALONG)
     assert math.degrees(result.direction or 0.0) == pytest.approx(-90, abs=1.0)
+
+
+# ------------------------------------------------------------------------------------- what the walker makes of it
+def walking_at(speed_m_s: float, *solids, until_x_m: float = 2.0) -> tuple[Guidance, Localization]:
+    """Walk along the route at a speed, seeing nothing, up to a place."""
+    result, step_m = None, 0.1 * speed_m_s
+    count = 12
+    for k in range(count):
+        here = at(until_x_m - (count - k) * step_m, stamp_s=k / 10)
+        result = decide(here, seen(here), result)
+    assert result is not None
+    return result, at(until_x_m, stamp_s=count / 10)
+
+
+def test_who_walks_fast_is_stopped_farther_away():
+    wall = box(3.4, -0.6, 3.8, 0.6)
+    wide = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    answers = []
+    for speed_m_s in (0.4, 1.3):
+        before, here = walking_at(speed_m_s, until_x_m=2.0)
+        sonar = SonarReading(here.stamp_s, SonarState.NO_ECHO)
+        answers.append(guide(here.stamp_s, here, ROUTE, seen(here, wall), sonar, before, wide).action)
+    assert answers[0] is Action.WALK
+    assert answers[1] is not Action.WALK, "1.3 m/s need 0.7 s and 0.7 m: not 1.4 m less what the estimate lags"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("policy", ["paper", "road_centred"])
+def test_round_something_ahead_leads_only_a_direction_that_is_heard(side: float, policy: str):
+    """Its edge is just in the way: 5° beside it would be free, but sounds like straight ahead, which is not."""
+    here = at(2.0)
+    low, high = sorted((side * 0.2, side * 1.0))
+    settings = SETTINGS.changed({"follower.policy": policy})
+    sonar = SonarReading(0.0, SonarState.NO_ECHO)
+    result = guide(0.0, here, ROUTE, seen(here, box(4.2, low, 4.6, high)), sonar, None, settings)
+    assert result.action is Action.WALK
+    assert result.direction is not None
+    assert math.degrees(-side * result.direction) > SETTINGS.cues.straight_within_deg
+
+
+def test_what_sounds_like_straight_ahead_passes_the_gate_as_straight_ahead():
+    """9° are outside the ultrasonic field; but nobody hears them, and glass is straight ahead."""
+    here = at(2.0, heading_deg=-9.0)
+    road = SETTINGS.changed({"follower.policy": "road_centred"})
+    glass = SonarReading(0.0, SonarState.OK, 1.2)
+    result = guide(0.0, here, ROUTE, seen(here), glass, None, road)
+    assert (result.action, result.reason) == (Action.STOP, Reason.OBSTACLE_SONAR)
+
+
+def test_a_turn_round_something_is_left_after_several_free_frames_as_well():
+    here = at(2.0)
+    beside = seen(here, box(2.75, 0.1, 3.2, 1.5))
+    aside = decide(here, beside)
+    assert (aside.action, aside.trace.turn) == (Action.TURN, TurnKind.ASIDE)
+    result, actions = aside, []
+    for tenth in range(1, 4):
+        result = decide(at(2.0, stamp_s=tenth / 10), seen(here), result)
+        actions.append(result.action)
+    assert actions == [Action.TURN, Action.TURN, Action.WALK]
+
+
+def test_nobody_who_still_walks_is_led_where_less_than_the_clearance_is_free():
+    """In a corridor whose end is near to the side, only somebody who stands may begin to walk with less than δ."""
+    before, here = walking_at(0.8)
+    nook = (box(3.9, -0.15, 4.2, 2.0), box(4.3, -2.0, 4.5, 0.0))
+    result, began_s = before, None
+    for tenth in range(60):
+        now = replace(here, stamp_s=here.stamp_s + tenth / 10)
+        result = decide(now, seen(now, *nook), result)
+        if result.action is Action.WALK and (result.trace.required_m or 0.0) < 2.0:
+            began_s = tenth / 10
+            break
+    assert began_s is None or began_s >= 1.0
+
+
+def test_who_stays_lost_is_turned_once_round_and_never_sent_on():
+    here = at(2.0)
+    result, actions = decide(here, seen(here)), []
+    for tenth in range(1, 900):
+        result = decide(at(2.0, stamp_s=tenth / 10, quality="lost"), seen(here), result)
+        actions.append((tenth / 10, result.action))
+        assert result.reason is Reason.POSE_LOST
+    turned_s = [stamp_s for stamp_s, action in actions if action is Action.TURN]
+    assert all(action is not Action.WALK for _, action in actions)
+    assert turned_s[0] == pytest.approx(4.1, abs=0.11), "most are found again at once"
+    assert turned_s[-1] - turned_s[0] == pytest.approx(40.0, abs=0.3)
+    assert actions[-1][1] is Action.STOP
+
+
+def test_a_wanted_way_whose_beginning_is_not_known_is_a_lost_pose():
+    here = at(2.0, quality="lost")
+    result = decide(here, seen(at(2.0)), route=None, wanted=True)
+    assert (result.action, result.reason) == (Action.STOP, Reason.POSE_LOST)
+    assert decide(here, seen(at(2.0)), route=None).reason is Reason.NO_ROUTE

@@ -12,11 +12,12 @@ from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navcore.geometry import world_from_camera_at
+from navcore.geometry import heading_of_camera, world_from_camera_at
 from navcore.obstacle.levelling import level_by_floor, level_by_pose, refine_by_floor
+from navcore.obstacle.memory import ObstacleMemory, remember
 from navcore.obstacle.scan import scan
-from navcore.settings import ObstacleSettings
-from navcore.types import BearingState, ObstacleScan
+from navcore.settings import ObstacleSettings, Settings
+from navcore.types import BearingState, ObstacleScan, Pose2D
 
 SETTINGS = ObstacleSettings()
 ROOM = (box(-10, 9, 10, 9.2), box(-10, -9.2, 10, -9), box(9, -9, 9.2, 9))
@@ -152,3 +153,26 @@ def test_the_real_cabinet_is_found_and_its_bare_floor_is_free(fr3_cabinet: Path,
         assert figures["bearing_error_median_deg"] < 1.5
         assert figures["floor_bearings"] > 1000
         assert figures["false_floor_bearings"] == 0
+
+
+# -------------------------------------------------------------------------------------------------------- memory
+def remembered_after(solids_at, away_s: float) -> int:
+    """Look ahead for a second (ten frames), turn away, and count what is still remembered then within 2 m ahead."""
+    memory, now_s = ObstacleMemory(), 0.0
+    for heading_deg, seconds in ((0.0, 1.0), (90.0, away_s)):
+        for _ in range(round(10 * seconds)):
+            camera = world_from_camera_at((0.0, 0.0, EYE_M), math.radians(heading_deg), PITCH_RAD)
+            found = scan(depth_image(solids_at(now_s), camera), CAMERA, camera, Settings().obstacle)
+            memory = remember(memory, found, Pose2D(0.0, 0.0, heading_of_camera(camera)), now_s)
+            now_s += 0.1
+    places = memory.places_m
+    return int(np.count_nonzero((np.abs(places[:, 1]) < 0.6) & (places[:, 0] > 0.5) & (places[:, 0] < 2.0)))
+
+
+def test_what_is_tall_and_stands_is_remembered_beside_the_walker_for_longer_than_somebody_who_walks_by():
+    cupboard = box(1.5, -0.3, 2.0, 0.3, 1.8)
+    assert remembered_after(lambda now_s: (cupboard,), 10.0)
+    assert not remembered_after(lambda now_s: (cupboard,), 21.0)
+    passing = lambda now_s: (box(1.3, -1.0 + 1.2 * now_s, 1.6, -0.6 + 1.2 * now_s, 1.8),)  # noqa: E731
+    assert remembered_after(passing, 0.5)
+    assert not remembered_after(passing, 3.0)

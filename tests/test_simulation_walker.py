@@ -94,6 +94,19 @@ def test_stop_cuts_off_what_was_still_to_be_done() -> None:
     assert walk.body.heading_rad == 0.0
 
 
+def test_who_hears_stop_again_and_again_does_not_stop_later_for_it() -> None:
+    person = Walk(replace(EXACT, reaction_min_s=0.8, reaction_max_s=0.8))
+    person.hear(CueKind.WALK)
+    person.wait(4.0, ticking=True)
+    assert person.body.speed_mps > 0.5
+    person.hear(CueKind.TURN, 40.0)
+    for kind in (CueKind.STOP, CueKind.STOP, CueKind.STOP, CueKind.STOP):
+        person.wait(0.3)
+        person.hear(kind)
+    person.wait(0.5)
+    assert person.body.speed_mps == 0.0
+
+
 def test_silence_is_never_go() -> None:
     walk = Walk()
     walk.hear(CueKind.WALK)

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from navcore.cues.speech import CueMemory, cues_for
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for
 from navcore.errors import VbrError
 from navcore.guide import guide
 from navcore.obstacle.scan import scan

@@ -14,7 +14,8 @@ import numpy as np
 from device_agent.simulation.building import Solid, touchable
 from device_agent.simulation.walker import WalkerBody, WalkerParameters, hear, step
 from navcore.compiled import kernel
-from navcore.cues.speech import CueMemory, cues_for
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for
 from navcore.cues.table import Cue
 from navcore.geometry import world_from_camera_at
 from navcore.guide import guide

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle
 from navcore.cues.bus import CueBus, play
-from navcore.cues.speech import CueMemory, cues_for, message_cue, repeat_last, say
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for, message_cue, repeat_last, say
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue, tone_samples
 from navcore.cues.table import PRIORITY, Cue, CueKind, CuePriority
 from navcore.cues.texts import STOP_TEXTS, TEXTS
@@ -31,6 +32,7 @@ def guidance(
 ) -> Guidance:  # fmt: skip
     direction = None if angle_deg is None else relative_angle(math.radians(angle_deg))
     trace.setdefault("sonar_state", SonarState.NO_ECHO)
+    trace.setdefault("velocity_m_s", (0.85, 0.0) if action is Action.WALK else (0.0, 0.0))
     return Guidance(
         stamp_s, action, direction, reason, DecisionTrace(heading=world_angle(math.radians(heading_deg)), **trace), 1
     )

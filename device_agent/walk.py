@@ -13,7 +13,7 @@ from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts, LocalizerFactory
 from device_agent.localization import make_localizer
 from device_agent.places import find_place
-from device_agent.ports import CueOutput
+from device_agent.ports import CueOutput, DisplayOutput
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
 from device_agent.simulation.building import Building
 from device_agent.simulation.live_scenario import live_stage
@@ -49,15 +49,16 @@ def run_walk(
     rate_hz: float = 10.0,
     size_px: tuple[int, int] = (320, 240),
     output: CueOutput | None = None,
+    display: DisplayOutput | None = None,
     renderer: Renderer | None = None,
     localizer_factory: LocalizerFactory = make_localizer,
     scenario: Scenario = ORDINARY,
 ) -> WalkResult:
     """Lead a simulated walker from one place to another and measure. The same arguments give the same walk.
 
-    ``walker`` is drawn from the seed where it is None; ``output`` hears every cue besides the walker; ``renderer`` may
-    be shared by walks in the same building, for making one takes seconds; a ``scenario`` that changes the building has
-    its own. Raises VbrError for unknown places.
+    ``walker`` is drawn from the seed where it is None; ``output`` hears every cue besides the walker; ``display`` is
+    shown what the glasses show; ``renderer`` may be shared by walks in the same building, for making one takes seconds;
+    a ``scenario`` that changes the building has its own. Raises VbrError for unknown places.
     """
     use_one_core()
     settings = settings or Settings()
@@ -77,7 +78,7 @@ def run_walk(
     heard = FakeOutput()
     outputs: list[CueOutput] = [SimulatedEar(world, clock), heard, *([output] if output is not None else [])]
     parts = DeviceParts(
-        clock, camera, SimulatedSonar(world, clock), TeeOutput(outputs), NoUplink(), localizer_factory
+        clock, camera, SimulatedSonar(world, clock), TeeOutput(outputs), NoUplink(), localizer_factory, display=display
     )  # fmt: skip
     localizer = localizer_factory(site, camera.intrinsics, settings)
     agent = DeviceAgent(parts, DeviceState(settings, site.poi_graph, site.site_id), localizer)
@@ -102,6 +103,8 @@ def _walked(agent: DeviceAgent, world: SimulatedWorld, max_s: float) -> list[Sam
     while world.now_s() < end_s:
         cycle = agent.run_cycle()
         agent.watchdog.check()
+        if agent.screen is not None:
+            agent.screen.check()
         samples.append(Sample(cycle, np.array(world.true_head().translation[:2]), agent.state.mode, agent.state.route))
         if not ended and agent.state.mode in ("arrived", "idle"):
             ended, end_s = True, min(end_s, world.now_s() + _AFTER_ARRIVAL_S)

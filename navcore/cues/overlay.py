@@ -1,7 +1,7 @@
 """The see-through overlay: guidance as a picture for each eye. Pure.
 
-Two steps: :func:`overlay_scene` says what is drawn, in metres before the eyes; :func:`render_overlay` draws it for the
-left eye and for the right. No guidance, or an old one, is the sign *Stop*.
+Two steps: :func:`overlay_scene` says what is drawn, in metres before the eyes; :func:`drawn` draws it as one eye sees
+it. :func:`render_overlay` does both, for both eyes. No guidance, or an old one, is the sign *Stop*.
 """
 
 from __future__ import annotations
@@ -75,7 +75,7 @@ def render_overlay(
     """
     shapes = overlay_scene(guidance, scan, head, now_s, settings, display)
     is_stop = not is_fresh(guidance, now_s, settings) or guidance is None or guidance.action is Action.STOP
-    left, right = (_drawn(shapes, display, eye) for eye in Eye)
+    left, right = (drawn(shapes, display, eye) for eye in Eye)
     return Overlay(now_s, left, right, is_stop)
 
 
@@ -135,7 +135,8 @@ def _ahead(guidance: Guidance, sheet: Sheet) -> list[Shape]:
 
 
 # ------------------------------------------------------------------------------------------------------ drawing
-def _drawn(shapes: list[Shape], display: DisplayGeometry, eye: Eye) -> ImageRgba:
+def drawn(shapes: list[Shape], display: DisplayGeometry, eye: Eye) -> ImageRgba:
+    """Return the picture of one eye. What is too near for it is left out."""
     image: ImageRgba = np.zeros((display.height_px, display.width_px, 4), np.uint8)
     for shape in shapes:
         points_m = shape.at_m[None] if isinstance(shape, Label) else shape.points_m

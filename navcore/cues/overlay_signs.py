@@ -38,7 +38,7 @@ def arrival_sign(sheet: Sheet) -> list[Shape]:
     """Return a ring with a tick mark."""
     return [
         sheet.ring(100.0, Ink.TEXT, 10),
-        sheet.line([(-46.0, 4.0), (-12.0, 40.0), (50.0, -36.0)], Ink.WAY, 18),
+        sheet.line([(-46.0, 4.0), (-12.0, 40.0), (50.0, -36.0)], Ink.GOAL, 18),
     ]
 
 

@@ -101,8 +101,8 @@ def sub_goal_post(head: Head, at_m: FloatArray, case: SubGoalCase) -> list[Shape
         middle_m = _POST_M + 0.15
         diamond = [(0.0, _POST_M), (wide, middle_m), (0.0, middle_m + 0.15), (-wide, middle_m)]
         shapes += [Area(upright(diamond), Ink.GOAL)]
-    top = upright([(0.0, _POST_M + 0.48)])[0]
-    return [*shapes, Label(metres(math.hypot(x_m, y_m)), top, Ink.TEXT, 15)]
+    middle = upright([(0.0, 0.55 * _POST_M)])[0]
+    return [*shapes, Label(metres(math.hypot(x_m, y_m)), middle, Ink.TEXT, 15)]
 
 
 def near_edges(head: Head, scan: ObstacleScan, range_m: float, stop_m: float) -> list[Shape]:

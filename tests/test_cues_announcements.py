@@ -161,7 +161,7 @@ def test_a_turn_is_announced_in_the_words_of_the_verbosity() -> None:
 
     assert said() == ["In 4 metres turn left."]
     assert said(verbosity="full") == ["In 5 metres: turn left 90 degrees."]
-    assert said(verbosity="full", direction_style="clock") == ["In 4 metres: turn to 9 o'clock."]
+    assert said(verbosity="full", direction_style="clock") == ["In 5 metres: turn to 9 o'clock."]
     assert said(verbosity="full", language="zh") == ["4米后,向左转90度。"]
     assert said(verbosity="brief") == []
 

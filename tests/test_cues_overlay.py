@@ -1,4 +1,4 @@
-"""The overlay for two eyes: what is near has more disparity, a mirrored world gives the mirrored picture, Stop is so."""
+"""The overlay for two eyes: the near has more disparity, a mirrored world gives the mirrored picture, Stop is Stop."""
 
 from __future__ import annotations
 
@@ -169,6 +169,37 @@ def test_a_mirrored_world_gives_the_mirrored_picture_with_the_eyes_changed(
         )
         differs = np.abs(picture - other[:, ::-1]) > 128
         assert differs.sum() <= 0.1 * (picture > 128).sum() + 30
+
+
+def drawn_in(ink: Ink, shapes: list[Shape]) -> float:
+    """Return how far right of the middle a colour lies on average, pixels, seen by the left eye."""
+    alpha = drawn([shape for shape in shapes if shape.ink is ink], DISPLAY, Eye.LEFT)[..., 3].astype(float)
+    assert alpha.sum() > 0
+    return float(alpha.sum(axis=0) @ (np.arange(DISPLAY.width_px) - (DISPLAY.width_px - 1) / 2) / alpha.sum())
+
+
+@pytest.mark.parametrize("left", [1.0, -1.0])
+def test_what_is_on_the_left_is_drawn_on_the_left(left: float) -> None:
+    half = [BearingState.FREE] * 12 + [BearingState.OBSTACLE] * 8
+    scan = a_scan([2.0] * 20, [0.9] * 20, half if left > 0 else half[::-1])
+    goal, corner = (
+        SubGoal(4.0, 1.0 * left, SubGoalCase.STRAIGHT, 3),
+        CornerAhead(3, 4.0, relative_angle(1.5 * left), 1.0),
+    )
+    scenes = {
+        "way": (guidance(Action.WALK, 30.0 * left), Ink.WAY), "turn": (guidance(Action.TURN, 60.0 * left), Ink.WAY),
+        "goal": (guidance(Action.WALK, 0.0, sub_goal=goal), Ink.GOAL),
+        "far aside": (guidance(Action.WALK, 0.0, sub_goal=replace(goal, y_m=9.0 * left)), Ink.GOAL),
+        "obstacle": (STOP, Ink.NEAR),
+    }  # fmt: skip
+    for name, (each, ink) in scenes.items():
+        seen = scan if name == "obstacle" else None
+        shapes = overlay_scene(each, seen, HEAD, 0.0, SETTINGS, DISPLAY)
+        shapes = shapes[:1] if name == "obstacle" else shapes
+        assert drawn_in(ink, shapes) * left < -8.0, name
+    straight = overlay_scene(guidance(Action.WALK, 0.0), None, HEAD, 0.0, SETTINGS, DISPLAY)
+    with_corner = overlay_scene(guidance(Action.WALK, 0.0, corner=corner), None, HEAD, 0.0, SETTINGS, DISPLAY)
+    assert drawn_in(Ink.WAY, with_corner[len(straight) :]) * left < -100.0
 
 
 # -------------------------------------------------------------------------------------------------------- stop

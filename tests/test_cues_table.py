@@ -65,6 +65,13 @@ def test_chinese_is_chinese_and_english_is_not() -> None:
             assert any("\u4e00" <= character <= "\u9fff" for character in text) is is_chinese, text
 
 
+def test_no_explanation_of_a_stop_holds_an_instruction_to_move() -> None:
+    for language, words in (("en", ("move", "walk", "go ahead", "forward.")), ("zh", ("走",))):
+        for text in EXPLANATIONS[language].values():
+            said = text.casefold().replace("do not step forward.", "")
+            assert not any(word in said for word in words), text
+
+
 def test_what_safety_hangs_on_is_said_at_every_verbosity() -> None:
     for kind in CueKind:
         levels = [is_said(kind, verbosity) for verbosity in VERBOSITIES]

@@ -91,10 +91,10 @@ def _distances() -> list[str]:
     return [
         "## Announcements at the right distance",
         "",
-        f"- A place is announced `announce_m` ({announce_m:g} m) ahead at {USUAL_SPEED_M_S:g} m/s; the distance grows",
-        f"  and shrinks with the speed, between {LEAST_SHARE * announce_m:g} and {MOST_SHARE * announce_m:g} m. A long",
-        "  sentence begins earlier: when it ends, the walker still has `follower.reaction_s` before the place. One",
-        "  that cannot is not begun.",
+        f"- A place is announced `announce_m` ({announce_m:g} m) ahead at {USUAL_SPEED_M_S:g} m/s, and between"
+        f" {LEAST_SHARE * announce_m:g} and {MOST_SHARE * announce_m:g} m at other",
+        "  speeds: the faster the walker, the earlier. A long sentence begins earlier still: when it ends, the walker",
+        "  has `follower.reaction_s` left before the place. One that could not is not begun.",
         f"- A turn is announced so that the sentence is over {lead_s:g} s (`turn_lead_s`) before the turn is due, and",
         "  not at all where it would not be over by then.",
         f"- The kind of a place is said where its name does not say it: {kinds}. Stairs are a warning: they are",

@@ -135,7 +135,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
     ),
     CueKind.REASSURANCE: CueEntry(
         CuePriority.REASSURANCE, "All is well, and so far it is to the destination.", _SPOKEN,
-        "flag with the distance", "every `reassurance_m` walked", ("reassurance",), verbosity="normal",
+        "target with the distance left", "every `reassurance_m` walked", ("reassurance",), verbosity="normal",
     ),
     CueKind.POI_AHEAD: CueEntry(
         CuePriority.POI, "A place on the way.", _SPOKEN, "no other", "no", ("poi_ahead", "poi_ahead_kind"),

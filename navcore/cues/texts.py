@@ -45,35 +45,36 @@ STOP_TEXTS: dict[Language, dict[Reason, str]] = {
 
 EXPLANATIONS: dict[Language, dict[Reason, str]] = {
     "en": {
-        Reason.OK: "Guidance has failed. Stand still until you hear: move.",
+        Reason.OK: "Guidance has failed. Stand still: it goes on by itself when it can.",
         Reason.OFF_ROAD: "You have left the road. Guidance leads back to it.",
         Reason.OBSTACLE_DEPTH: "The camera sees something in the way. Guidance looks for a way round it.",
         Reason.OBSTACLE_SONAR: "The ultrasonic sensor hears something that the camera cannot see, perhaps glass.",
         Reason.DROP_AHEAD: "The floor falls away in front of you, perhaps a stair. Do not step forward.",
         Reason.NO_CANDIDATE: "No direction in view is free and wide enough. Wait, or ask for help.",
         Reason.DEPTH_INVALID: "The camera sees too little to be trusted. It may be covered, or it is too dark.",
-        Reason.POSE_LOST: "The device does not recognise this place. Stand still until you hear: move.",
-        Reason.SENSOR_STALE: "A sensor gives nothing new. Stand still until you hear: move.",
+        Reason.POSE_LOST: "The device does not recognise this place. Stand still: it goes on by itself when it does.",
+        Reason.SENSOR_STALE: "A sensor gives nothing new. Stand still: guidance goes on by itself when it does.",
         Reason.ARRIVED: "The destination is reached. Guidance has ended.",
         Reason.NO_ROUTE: "No destination is chosen, or no way leads there.",
         Reason.PAUSED: "Guidance waits until it is resumed.",
     },
     "zh": {
-        Reason.OK: "导航出错。请站住,听到“走”再走。",
+        Reason.OK: "导航出错。请站住,恢复后会自动继续。",
         Reason.OFF_ROAD: "您已离开道路,导航将带您回到路上。",
         Reason.OBSTACLE_DEPTH: "摄像头看到前面有东西挡路,正在寻找绕行方向。",
         Reason.OBSTACLE_SONAR: "超声波探测到摄像头看不见的东西,可能是玻璃。",
         Reason.DROP_AHEAD: "您前面的地面下降,可能是楼梯。请不要向前迈步。",
         Reason.NO_CANDIDATE: "视野内没有足够宽的通路。请等候或求助。",
         Reason.DEPTH_INVALID: "摄像头看到的太少,不可信。可能被遮住,或光线太暗。",
-        Reason.POSE_LOST: "设备认不出这个地方。请站住,听到“走”再走。",
-        Reason.SENSOR_STALE: "传感器没有新的数据。请站住,听到“走”再走。",
+        Reason.POSE_LOST: "设备认不出这个地方。请站住,认出后会自动继续。",
+        Reason.SENSOR_STALE: "传感器没有新的数据。请站住,恢复后会自动继续。",
         Reason.ARRIVED: "目的地已到,导航结束。",
         Reason.NO_ROUTE: "没有选择目的地,或没有路通往那里。",
         Reason.PAUSED: "导航已暂停,等待继续。",
     },
 }
-"""Said after a stop where the walker wants to hear everything; never instead of it."""
+"""Said after a stop where the walker wants to hear everything; never instead of it. No word of it is an instruction to
+move: whoever listens with half an ear must not hear one."""
 
 TEXTS: dict[Language, dict[str, str]] = {
     "en": {

@@ -66,6 +66,33 @@ def test_a_movement_is_told_straight_or_to_its_side(style: str, direction_deg: f
     assert (move_text(told, style, "en") == "Move forward.") == (told == 0.0)
 
 
+@given(st.floats(10, 180))
+def test_degrees_are_told_in_steps_of_five_to_the_nearest(degrees: float) -> None:
+    for told in (told_turn_deg(math.radians(degrees), "degrees"), told_move_deg(math.radians(degrees), 5.0, "degrees")):
+        assert told % 5.0 == 0.0
+        assert abs(told - degrees) <= 2.5 + 1e-9
+
+
+@pytest.mark.parametrize(("style", "angles"), [("clock", CLOCK_DEG), ("sides", tuple(SIZES_DEG.values()))])
+@given(degrees=st.floats(0.1, 180))
+def test_the_other_styles_tell_the_nearest_of_their_angles(
+    style: str, angles: tuple[float, ...], degrees: float
+) -> None:
+    nearest_deg = min(abs(angle - degrees) for angle in angles)
+    for told in (told_turn_deg(math.radians(degrees), style), told_move_deg(math.radians(degrees), 0.05, style)):
+        assert told in angles
+        assert abs(told - degrees) == pytest.approx(nearest_deg, abs=1e-6)
+
+
+def test_the_angles_are_those_of_the_documents() -> None:
+    assert CLOCK_DEG == (15.0, 30.0, 60.0, 90.0, 120.0, 150.0, 180.0)
+    assert tuple(SIZES_DEG.values()) == (15.0, 45.0, 90.0, 135.0, 180.0)
+    assert told_turn_deg(math.radians(3.0), "degrees") == 10.0
+    assert [turn_text(angle, "degrees", "en") for angle in (150.0, 155.0, -155.0)] == [
+        "Turn left 150 degrees.", "Turn around to the left.", "Turn around to the right.",
+    ]  # fmt: skip
+
+
 @given(st.floats(-180, 180))
 def test_the_clock_says_the_nearest_hour(angle_deg: float) -> None:
     said_deg = -30.0 * (hour(angle_deg) % 12)

@@ -56,6 +56,19 @@ def test_no_direction_style_is_too_coarse_to_arrive(name: str, style: str, polic
     assert {abs(angle_deg) for angle_deg in told} <= set(allowed)
 
 
+@pytest.mark.parametrize("verbosity", ["brief", "full"])
+@pytest.mark.parametrize("name", ["corner", "box in the way", "door of 1.2 m"])
+def test_no_verbosity_leads_astray(name: str, verbosity: str):
+    """What is said besides the instructions neither covers them nor leaves the walker in silence."""
+    solids, route, start = SCENES[name]
+    result = walk(
+        solids, route, start, seed=1, limit_s=70.0, settings=Settings().changed({"cues.verbosity": verbosity})
+    )
+    assert result.arrived, result.guidance[-1].trace.rule
+    assert result.contacts == 0
+    assert result.deviations_m(route).max() < 1.1
+
+
 def test_a_blocked_corridor_is_looked_at_on_both_sides_and_then_said():
     solids, route, start = (*CORRIDOR, box(5, -1.2, 5.2, 1.2)), STRAIGHT, (0, 0, 0)
     result = walk(solids, route, start, seed=0, limit_s=30.0)

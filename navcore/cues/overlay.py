@@ -106,7 +106,9 @@ def overlay_scene(
         return [*near, *turn_sign(sheet, float(guidance.direction), settings.cues.direction_style)]
     label = [] if scan is None else nearest_label(head, scan, range_m)
     way = arrow_on_floor(head, float(guidance.direction))
-    return [*near, *_sub_goal(guidance, head, sheet), *way, *label, *_ahead(guidance, sheet)]
+    shapes = [*near, *_sub_goal(guidance, head, sheet), *way, *label, *_ahead(guidance, sheet)]
+    # Figures on top: nothing is drawn over what is to be read.
+    return sorted(shapes, key=lambda shape: isinstance(shape, Label))
 
 
 def _sub_goal(guidance: Guidance, head: Head, sheet: Sheet) -> list[Shape]:

@@ -20,6 +20,7 @@ _ARROW_FROM_M, _ARROW_LENGTH_M = 3.05, 2.8
 _STRIPE_M, _STRIPE_STEP_M, _STRIPES = 0.26, 0.5, 3
 _ARROW_HALF_WIDTH_M, _HEAD_HALF_WIDTH_M, _HEAD_M = 0.26, 0.46, 1.2
 _POST_M, _RING_M = 0.85, 0.32
+_LABEL_ASIDE_M = 0.34
 _NEAREST_DRAWN_M = 0.4
 """What is nearer than this cannot be looked at with both eyes."""
 _EDGE_STEP_M = 0.35
@@ -27,7 +28,8 @@ _EDGE_STEP_M = 0.35
 _LEAST_RUN = 2
 _TOOTH_M = 0.18
 _HATCH_EVERY = 2
-_LABEL_RAD = math.radians(15.0)
+_LABEL_RAD = math.radians(11.0)
+"""Farther aside, the figure would lie under the sign of the next turn."""
 
 
 def arrow_on_floor(head: Head, direction_rad: float) -> list[Shape]:
@@ -101,8 +103,9 @@ def sub_goal_post(head: Head, at_m: FloatArray, case: SubGoalCase) -> list[Shape
         middle_m = _POST_M + 0.15
         diamond = [(0.0, _POST_M), (wide, middle_m), (0.0, middle_m + 0.15), (-wide, middle_m)]
         shapes += [Area(upright(diamond), Ink.GOAL)]
-    middle = upright([(0.0, 0.55 * _POST_M)])[0]
-    return [*shapes, Label(metres(math.hypot(x_m, y_m)), middle, Ink.TEXT, 15)]
+    # Beside the sign, away from the middle, where arrow and figures are.
+    beside = upright([(math.copysign(_LABEL_ASIDE_M, y_m), _POST_M + 0.15)])[0]
+    return [*shapes, Label(metres(math.hypot(x_m, y_m)), beside, Ink.TEXT, 16)]
 
 
 def near_edges(head: Head, scan: ObstacleScan, range_m: float, stop_m: float) -> list[Shape]:

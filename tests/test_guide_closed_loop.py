@@ -57,7 +57,7 @@ def test_no_direction_style_is_too_coarse_to_arrive(name: str, style: str, polic
 
 
 @pytest.mark.parametrize("verbosity", ["brief", "full"])
-@pytest.mark.parametrize("name", ["corner", "box in the way", "door of 1.2 m"])
+@pytest.mark.parametrize("name", ["corner", "facing away", "destination at a wall"])
 def test_no_verbosity_leads_astray(name: str, verbosity: str):
     """What is said besides the instructions neither covers them nor leaves the walker in silence."""
     solids, route, start = SCENES[name]

@@ -84,6 +84,15 @@ def test_a_turn_nobody_follows_is_said_again_after_the_repeat_time():
     assert all("right" in cue.text for cue in cues)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_turn_is_not_said_again_while_it_is_still_being_heard(language: str):
+    """Whoever sways while they listen has not turned and stopped."""
+    settings = SETTINGS.changed({"cues.language": language, "cues.direction_style": "clock"})
+    sways = [guidance(Action.TURN, i / 10, 90.0 - (4.0 if 2 <= i < 4 else 0.0), heading_deg=4.0 if 2 <= i < 4 else 0.0)
+             for i in range(24)]  # fmt: skip
+    assert kinds(heard(sways, settings=settings)) == [CueKind.TURN]
+
+
 def test_stop_is_immediate_and_gives_the_reason():
     walking = [guidance(Action.WALK, i / 10, 0.0) for i in range(10)]
     stop = guidance(Action.STOP, 1.0, None, Reason.DROP_AHEAD)

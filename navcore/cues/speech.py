@@ -148,8 +148,11 @@ def _turn_is_due(memory: CueMemory, target: float | None, settings: CueSettings,
         and memory.told_target_rad is not None
         and abs(wrap_rad(target - memory.told_target_rad)) > _NEW_TARGET_RAD
     )
+    # Nobody turns before they have heard by how much: standing still counts from then on.
+    speaking = memory.bus.speaking
+    heard_s = memory.bus.until_s if speaking is not None and speaking.kind is CueKind.TURN else memory.told_s
     has_turned = memory.still_since_s > memory.told_s
-    stands_still = now_s - memory.still_since_s >= _STILL_S
+    stands_still = now_s - max(memory.still_since_s, heard_s) >= _STILL_S
     # Where poses are so noisy that nobody seems ever to stand still, it is said again all the same.
     forgotten = since_s >= _STOP_REPEAT_FACTOR * settings.turn_repeat_s
     return is_new or forgotten or (stands_still and (has_turned or since_s >= settings.turn_repeat_s))

@@ -35,7 +35,8 @@ from device_agent.simulation.sensors import head_camera
 from device_agent.simulation.simulated_walk import simulated_walk
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
-from navcore.cues.speech import CueMemory, cues_for
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for
 from navcore.cues.table import Cue
 from navcore.errors import VbrError
 from navcore.geometry import Transform

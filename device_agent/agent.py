@@ -19,7 +19,8 @@ from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.loop import Ports, run_stages
 from device_agent.orders import Order, at_rest, carry_out
-from device_agent.ports import Clock, CueOutput, DepthCamera, LocalizerPort, Sonar, Uplink
+from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
+from device_agent.screen import Screen
 from device_agent.state import (
     DeviceState,
     Effect,
@@ -63,6 +64,8 @@ class DeviceParts:
     device_id: str = "glasses"
     apply_settings: Callable[[Settings], None] = lambda settings: None
     """Hears of every change of the settings, besides the loop."""
+    display: DisplayOutput | None = None
+    """The displays of the glasses, where there are any."""
 
 
 class DeviceAgent:
@@ -85,6 +88,12 @@ class DeviceAgent:
             lambda: self.state.settings.cues.language,
         )
         self._voice = Voice(parts.output, lambda: self.watchdog.stop_count)
+        self.screen = (
+            None
+            if parts.display is None
+            else Screen(parts.display, parts.clock, state.settings, lambda: self.watchdog.alarmed)
+        )
+        """What the walker sees, where there is a display."""
 
     # ------------------------------------------------------------------------------------------------- orders
     def submit(self, order: Order) -> None:
@@ -122,6 +131,8 @@ class DeviceAgent:
             while not stopped.is_set():
                 cycle = self.run_cycle()
                 self.watchdog.start()
+                if self.screen is not None:
+                    self.screen.start()
                 if until_over and not self.state.leading:
                     break
                 if cycle.frame is None:
@@ -129,6 +140,8 @@ class DeviceAgent:
                     stopped.wait(_PAUSE_WITHOUT_CAMERA_S)
         finally:
             self.watchdog.stop()
+            if self.screen is not None:
+                self.screen.stop()
             if self.state.mode == "guiding":
                 # Whoever still walks hears that nobody leads them any more.
                 self.watchdog.fault("The loop has ended.")
@@ -145,6 +158,8 @@ class DeviceAgent:
             self.watchdog.fault(cycle.fault)
         else:
             self.watchdog.beat(self._heartbeat(cycle))
+        if self.screen is not None:
+            self.screen.offer(cycle, self.state.settings)
         self._guarded("acting on the cycle", lambda: self._do_all(effects))
         try:
             self._report(cycle)

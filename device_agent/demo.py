@@ -41,6 +41,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         "--max-s", type=positive_number, default=300.0, help="give up after this time of the simulation"
     )
     headless.add_argument("--wav", type=Path, metavar="FILE", help="write what the walker hears as a stereo WAV file")
+    headless.add_argument(
+        "--overlay", type=Path, metavar="DIR", help="write what both eyes see on the glasses as PNG pictures"
+    )
     add_scenario_options(headless)
     parser.set_defaults(run=_run)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from navcore.site import load_site
 
 def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, Any]:
     """Walk from one place to another and return what came of it, ready to be printed."""
+    from device_agent.adapters.displays import PngDisplay
     from device_agent.adapters.wav_file import WavFileOutput
     from device_agent.places import find_place
     from device_agent.simulation.office_floor import office_floor
@@ -24,8 +26,12 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
     site = load_site(site_folder)
     # Before the file of an earlier walk is overwritten.
     find_place(site.poi_graph, arguments.to)
-    output = WavFileOutput(arguments.wav, Speech(settings.cues.language)) if arguments.wav is not None else None
-    try:
+    with ExitStack() as stack:
+        output = WavFileOutput(arguments.wav, Speech(settings.cues.language)) if arguments.wav is not None else None
+        display = PngDisplay(arguments.overlay) if arguments.overlay is not None else None
+        for each in (output, display):
+            if each is not None:
+                stack.callback(each.close)
         result = run_walk(
             site,
             office_floor(),
@@ -37,11 +43,9 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
             rate_hz=arguments.rate_hz,
             size_px=arguments.size,
             output=output,
+            display=display,
             scenario=scenario_from(arguments),
         )
-    finally:
-        if output is not None:
-            output.close()
     return {
         "arrived": result.arrived,
         "contacts": result.contacts,

@@ -43,6 +43,8 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sound.add_argument("--wav", type=Path, metavar="FILE", help="write what is heard as a stereo WAV file")
     sound.add_argument("--sound", action="store_true", help="play on the sound device (extra 'audio')")
     sound.add_argument("--quiet", action="store_true", help="do not print the cues")
+    sight = parser.add_argument_group("sight")
+    sight.add_argument("--overlay", type=Path, metavar="DIR", help="write what both eyes see as PNG pictures")
     parser.set_defaults(run=_run)
 
 
@@ -126,4 +128,5 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         wav=arguments.wav,
         sound=arguments.sound,
         print_cues=not arguments.quiet,
+        overlay=arguments.overlay,
     )

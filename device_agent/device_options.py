@@ -35,3 +35,5 @@ class DeviceOptions:
     wav: Path | None = None
     sound: bool = False
     print_cues: bool = True
+    overlay: Path | None = None
+    """Folder for the pictures of the see-through overlay."""

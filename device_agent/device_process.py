@@ -55,7 +55,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         )  # fmt: skip
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display,
         )  # fmt: skip
         _rehearse(hardware, localizer, settings)
         agent = DeviceAgent(parts, state, localizer)

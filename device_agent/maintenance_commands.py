@@ -1,4 +1,4 @@
-"""``vbr settings`` and ``vbr warm-up``."""
+"""``vbr settings``, ``vbr cues`` and ``vbr warm-up``."""
 
 from __future__ import annotations
 
@@ -9,11 +9,14 @@ from dataclasses import asdict
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add ``vbr settings`` and ``vbr warm-up``."""
+    """Add ``vbr settings``, ``vbr cues`` and ``vbr warm-up``."""
     settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
     settings.add_argument("--json", action="store_true", help="as JSON")
     settings.add_argument("--markdown", action="store_true", help="as the page of the docs")
     settings.set_defaults(run=_list_settings)
+    cues = subparsers.add_parser("cues", help="list everything that the walker can hear and see")
+    cues.add_argument("--markdown", action="store_true", help="as the page of the docs")
+    cues.set_defaults(run=_list_cues)
     warm = subparsers.add_parser("warm-up", help="compile everything now, so that nobody waits for it while walking")
     warm.set_defaults(run=_warm_up)
 
@@ -31,6 +34,29 @@ def _list_settings(arguments: argparse.Namespace) -> int:
     else:
         _print_table()
     return 0
+
+
+def _list_cues(arguments: argparse.Namespace) -> int:
+    if arguments.markdown:
+        from navcore.cues.page import cues_markdown
+
+        sys.stdout.write(cues_markdown())
+    else:
+        _print_cues()
+    return 0
+
+
+def _print_cues() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from navcore.cues.table import CUE_TABLE
+
+    table = Table("cue", "priority", "from", "what it means", "sound", "on the overlay", title="highest priority first")
+    for kind, entry in sorted(CUE_TABLE.items(), key=lambda item: -item[1].priority):
+        priority = entry.priority.name.lower().replace("_", " ")
+        table.add_row(kind.value, priority, entry.verbosity, entry.meaning, entry.sound, entry.picture)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 
 def _print_table() -> None:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import Literal, Protocol
 
+from navcore.cues.overlay import Overlay
+from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading
@@ -58,6 +60,19 @@ class CueOutput(Protocol):
 
     def play(self, cue: Cue) -> None:
         """Begin the cue now; one that is playing is cut off. Never blocks longer than handing it over takes."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class DisplayOutput(Protocol):
+    """The two see-through displays of the glasses."""
+
+    @property
+    def geometry(self) -> DisplayGeometry: ...
+
+    def show(self, overlay: Overlay) -> None:
+        """Show the pictures now, instead of those before. Never blocks longer than handing them over takes."""
         ...
 
     def close(self) -> None: ...

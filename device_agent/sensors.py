@@ -10,7 +10,7 @@ from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.device_options import DeviceOptions
-from device_agent.ports import Clock, CueOutput, DepthCamera, Sonar
+from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.simulation.pace import PacedCamera, PacedClock
 from device_agent.speech import Speech
 from navcore.recording import open_recording
@@ -24,6 +24,7 @@ class Hardware:
     camera: DepthCamera
     sonar: Sonar
     output: CueOutput
+    display: DisplayOutput | None = None
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from now on."""
@@ -45,7 +46,18 @@ def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stac
     output = TeeOutput(outputs)
     for each in (output, sonar, camera):
         stack.callback(each.close)
-    return Hardware(camera, sonar, output)
+    display = _display(options)
+    if display is not None:
+        stack.callback(display.close)
+    return Hardware(camera, sonar, output, display)
+
+
+def _display(options: DeviceOptions) -> DisplayOutput | None:
+    if options.overlay is None:
+        return None
+    from device_agent.adapters.displays import PngDisplay
+
+    return PngDisplay(options.overlay)
 
 
 def _simulated(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:

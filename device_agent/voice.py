@@ -8,7 +8,8 @@ from dataclasses import replace
 from device_agent.ports import CueOutput
 from device_agent.state import DeviceState
 from navcore.cues.bus import CueBus
-from navcore.cues.speech import CueMemory, cues_for, repeat_last, say
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for, repeat_last, say
 from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import Action, Guidance, Reason, SonarState

@@ -17,7 +17,7 @@ from device_agent.agent import DeviceAgent, DeviceParts, LocalizerFactory
 from device_agent.cycle import Cycle
 from device_agent.localization import make_localizer
 from device_agent.places import find_place
-from device_agent.ports import CueOutput, LocalizerPort
+from device_agent.ports import CueOutput, DisplayOutput, LocalizerPort
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
 from device_agent.simulation.building import Building, Start
 from device_agent.simulation.live_scenario import live_stage
@@ -68,6 +68,7 @@ def run_walk(
     rate_hz: float = 10.0,
     size_px: tuple[int, int] = (320, 240),
     output: CueOutput | None = None,
+    display: DisplayOutput | None = None,
     renderer: Renderer | None = None,
     localizer_factory: LocalizerFactory = make_localizer,
     scenario: Scenario = ORDINARY,
@@ -76,9 +77,9 @@ def run_walk(
     """Lead a simulated walker from one place to another and measure. The same arguments give the same walk.
 
     ``start`` is a place of the road, left as the road leaves it, or any spot and heading. ``walker`` is drawn from the
-    seed where it is None; ``output`` hears every cue besides the walker; ``renderer`` may be shared by walks in the
-    same building, for making one takes seconds; a ``scenario`` that changes the building has its own. Raises VbrError
-    for unknown places.
+    seed where it is None; ``output`` hears every cue besides the walker; ``display`` is shown what the glasses show;
+    ``renderer`` may be shared by walks in the same building, for making one takes seconds; a ``scenario`` that changes
+    the building has its own. Raises VbrError for unknown places.
     """
     use_one_core()
     settings = settings or Settings()
@@ -97,7 +98,8 @@ def run_walk(
     localizer = localizer_factory(site, world.camera, settings)
     state = DeviceState(settings, site.poi_graph, site.site_id)
     samples, cues = lead(
-        world, state, localizer, goal.id, max_s=max_s, rate_hz=rate_hz, output=output, meanwhile=meanwhile
+        world, state, localizer, goal.id, max_s=max_s, rate_hz=rate_hz, output=output, display=display,
+        meanwhile=meanwhile,
     )  # fmt: skip
     return measured(samples, world.truth(), _place_m(building, goal.name), cues)
 
@@ -111,6 +113,7 @@ def lead(
     max_s: float = 300.0,
     rate_hz: float = 10.0,
     output: CueOutput | None = None,
+    display: DisplayOutput | None = None,
     meanwhile: Meanwhile = lambda moment: None,
 ) -> tuple[list[Sample], tuple[Cue, ...]]:
     """Lead whoever walks in a world to a PoI of the state's graph; return every cycle, and every cue."""
@@ -118,7 +121,7 @@ def lead(
     camera, sonar = SimulatedCamera(world, clock, rate_hz), SimulatedSonar(world, clock)
     heard = FakeOutput()
     outputs: list[CueOutput] = [SimulatedEar(world, clock), heard, *([output] if output is not None else [])]
-    parts = DeviceParts(clock, camera, sonar, TeeOutput(outputs), NoUplink(), lambda *_: localizer)
+    parts = DeviceParts(clock, camera, sonar, TeeOutput(outputs), NoUplink(), lambda *_: localizer, display=display)
     agent = DeviceAgent(parts, state, localizer)
     agent.submit(SetDestination(destination_id))
     samples = _walked(agent, world, sonar, max_s, meanwhile)
@@ -143,6 +146,8 @@ def _walked(
     while world.now_s() < end_s:
         cycle = agent.run_cycle()
         agent.watchdog.check()
+        if agent.screen is not None:
+            agent.screen.check()
         samples.append(Sample(cycle, np.array(world.true_head().translation[:2]), agent.state.mode, agent.state.route))
         meanwhile(Moment(agent, world, sonar, cycle))
         if not ended and agent.state.mode in ("arrived", "idle"):

@@ -107,6 +107,11 @@ class Watchdog:
         return self._stop_count
 
     @property
+    def alarmed(self) -> bool:
+        """Whether guidance is stale or has failed, as of the last look."""
+        return self._vigil.alarmed
+
+    @property
     def stale_s(self) -> float:
         """When guidance was last found stale or failed; the loop lets nobody walk again too soon after it."""
         return self._stale_s

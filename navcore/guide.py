@@ -20,6 +20,7 @@ import numpy as np
 
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to, wrap_rad
 from navcore.follower.aim import Aim, aim
+from navcore.follower.corner_ahead import corner_ahead
 from navcore.follower.direction import (
     between_candidates,
     needs_correction,
@@ -173,6 +174,7 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
         trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
         deviation_m=there.deviation_m, offset_m=there.offset_m,
         remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
+        corner=corner_ahead(route, there.closest_index, there.goal, trace.speed_m_s, follower),
     )  # fmt: skip
     if has_arrived(there.goal, pose, follower):
         return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")

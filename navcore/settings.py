@@ -150,6 +150,11 @@ class CueSettings(_Group):
 
     language: Literal["en", "zh"] = _setting("en", source="design")
     """Language of the speech."""
+    verbosity: Literal["brief", "normal", "full"] = _setting("normal", source="Wayfindr")
+    """Brief: stops, turns, warnings, arrival. Normal: places and turns ahead, reassurance. Full: exact turns ahead,
+    where the road is, and why it was stopped, in sentences. What safety hangs on is said at every level."""
+    direction_style: Literal["degrees", "clock", "sides"] = _setting("degrees", source="design")
+    """Directions are told in degrees, by the clock face, or as slightly, half, sharp left and right."""
     straight_within_deg: float = _setting(10.0, 2.0, 30.0, step=1.0, source="design")
     """Directions within this of straight ahead need no steering tone."""
     tick_interval_s: float = _setting(
@@ -163,7 +168,9 @@ class CueSettings(_Group):
     reassurance_m: float = _setting(10.0, 3.0, 50.0, step=1.0, source="Wayfindr")
     """Distance walked between two reassurances."""
     announce_m: float = _setting(6.0, 2.0, 10.0, step=0.5, source="Wayfindr: 6 ± 1 m")
-    """How far ahead a place on the way is announced."""
+    """How far ahead a place on the way is announced at the usual speed of 0.85 m/s; earlier to whoever walks faster."""
+    turn_lead_s: float = _setting(1.5, 0.0, 5.0, step=0.5, source="closed-loop trials")
+    """Time between the end of the announcement of a turn and the turn itself."""
     beep_range_m: float = _setting(4.0, 1.0, 6.0, step=0.5, source="design")
     """An obstacle nearer than this is heard as a beep."""
 

@@ -219,6 +219,8 @@ class RouteStop:
     """What the walker hears; the name where this is empty."""
     is_silent: bool = False
     """Not announced on the way: a junction to which nobody gave a spoken name means nothing to the walker."""
+    kind: str = ""
+    """What it is, as the PoI-graph has it ("stairs", "lift", …)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,6 +403,19 @@ class TurnKind(enum.Enum):
 
 
 @dataclass(frozen=True, slots=True)
+class CornerAhead:
+    """The next corner of the route at which the walker will be turned on the spot."""
+
+    route_index: int
+    distance_m: float
+    """Arc length from the closest point to the corner."""
+    bend: RelativeAngle
+    """By how much the route bends there."""
+    turn_m: float
+    """So far before the corner the turn itself is due."""
+
+
+@dataclass(frozen=True, slots=True)
 class DecisionTrace:
     """Everything that went into one decision, so that every "stop" can be explained afterwards."""
 
@@ -426,6 +441,8 @@ class DecisionTrace:
     """Road-centred: how far left of the road's middle the walker is led, round what stands on it."""
     remaining_m: float | None = None
     """Arc length from the closest point to the destination."""
+    corner: CornerAhead | None = None
+    """The next turn of the route, as far as it can be foreseen."""
     optimal: RelativeAngle | None = None
     """θ_opt (Eq. 4)."""
     candidates: tuple[CandidateDirection, ...] = ()

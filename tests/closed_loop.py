@@ -15,7 +15,8 @@ from device_agent.simulation.building import Building, Moving, Solid, Start, tou
 from device_agent.simulation.walker import WalkerBody, WalkerParameters, hear, step
 from device_agent.simulation.world import SimulatedWorld
 from navcore.compiled import kernel
-from navcore.cues.speech import CueMemory, cues_for
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for
 from navcore.cues.table import Cue
 from navcore.geometry import Transform, rotation_about_z, world_from_camera_at
 from navcore.guide import guide

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle
 from navcore.cues.bus import CueBus, play
-from navcore.cues.speech import CueMemory, cues_for, message_cue, repeat_last, say
+from navcore.cues.memory import CueMemory
+from navcore.cues.speech import cues_for, message_cue, repeat_last, say
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue, tone_samples
 from navcore.cues.table import PRIORITY, Cue, CueKind, CuePriority
 from navcore.cues.texts import STOP_TEXTS, TEXTS
@@ -31,6 +32,7 @@ def guidance(
 ) -> Guidance:  # fmt: skip
     direction = None if angle_deg is None else relative_angle(math.radians(angle_deg))
     trace.setdefault("sonar_state", SonarState.NO_ECHO)
+    trace.setdefault("velocity_m_s", (0.85, 0.0) if action is Action.WALK else (0.0, 0.0))
     return Guidance(
         stamp_s, action, direction, reason, DecisionTrace(heading=world_angle(math.radians(heading_deg)), **trace), 1
     )
@@ -80,6 +82,15 @@ def test_a_turn_nobody_follows_is_said_again_after_the_repeat_time():
     cues = heard(guidance(Action.TURN, i / 10, -90.0) for i in range(65))
     assert [round(cue.stamp_s, 1) for cue in cues] == pytest.approx([0.0, 3.0, 6.0], abs=0.11)
     assert all("right" in cue.text for cue in cues)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_turn_is_not_said_again_while_it_is_still_being_heard(language: str):
+    """Whoever sways while they listen has not turned and stopped."""
+    settings = SETTINGS.changed({"cues.language": language, "cues.direction_style": "clock"})
+    sways = [guidance(Action.TURN, i / 10, 90.0 - (4.0 if 2 <= i < 4 else 0.0), heading_deg=4.0 if 2 <= i < 4 else 0.0)
+             for i in range(24)]  # fmt: skip
+    assert kinds(heard(sways, settings=settings)) == [CueKind.TURN]
 
 
 def test_stop_is_immediate_and_gives_the_reason():

@@ -15,21 +15,25 @@ import pytest
 from device_room import small_room
 
 from device_agent.adapters.clocks import FakeClock, SteppedClock, SystemClock
-from device_agent.adapters.fakes import FakeCamera, FakeOutput, FakeSonar, NoSonar
+from device_agent.adapters.displays import PngDisplay
+from device_agent.adapters.fakes import FakeCamera, FakeDisplay, FakeOutput, FakeSonar, NoSonar
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.wav_file import WavFileOutput
-from device_agent.ports import Clock, CueOutput, DepthCamera, Sonar
+from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedEar, SimulatedSonar
 from device_agent.simulation.building import Building
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.walker import drawn_walker
 from device_agent.simulation.world import SimulatedWorld, start_at
 from device_agent.speech import Speech
+from navcore.cues.overlay import render_overlay
+from navcore.cues.overlay_display import Head
 from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.errors import SensorError
 from navcore.recording import RecordingWriter, open_recording
+from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, Frame, SonarState
 
 INTRINSICS = CameraIntrinsics(32, 24, 30.0, 30.0, 15.5, 11.5)
@@ -252,6 +256,21 @@ def test_one_broken_output_does_not_silence_the_others() -> None:
     with pytest.raises(OSError, match="unplugged"):
         TeeOutput([FakeOutput(broken), heard]).play(Cue(0.0, CueKind.STOP, CuePriority.STOP, "Stop."))
     assert len(heard.cues) == 1
+
+
+# ---------------------------------------------------------------------------------------------------- displays
+@pytest.mark.parametrize("make", [lambda folder: FakeDisplay(), lambda folder: PngDisplay(folder / "eyes")])
+def test_a_display_takes_pictures_of_its_size_and_may_be_closed_twice(
+    make: Callable[[Path], DisplayOutput], tmp_path: Path
+) -> None:
+    display = make(tmp_path)
+    overlay = render_overlay(None, None, Head.level(), 7.0, Settings(), display.geometry)
+    for picture in (overlay.left_rgba, overlay.right_rgba):
+        assert picture.shape == (display.geometry.height_px, display.geometry.width_px, 4)
+    display.show(overlay)
+    display.close()
+    display.show(overlay)
+    display.close()
 
 
 # ------------------------------------------------------------------------------------------------------ clocks

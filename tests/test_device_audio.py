@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import sys
 import threading
 import types
@@ -11,13 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from device_agent.adapters.outputs import TextOutput
 from device_agent.adapters.sound_device import SoundDeviceOutput
 from device_agent.adapters.wav_file import WavFileOutput
 from device_agent.audio import render_cue
 from device_agent.speech import SAMPLE_RATE_HZ, Speech
-from navcore.cues.synthesis import steer_cue, tick_cue
+from navcore.cues.directions import DirectionStyle, move_text, told_move_deg, told_turn_deg, turn_text
+from navcore.cues.synthesis import steer_cue, stop_cue, tick_cue
 from navcore.cues.table import Cue, CueKind, CuePriority
+from navcore.cues.texts import EXPLANATIONS, STOP_TEXTS, TEXTS, Language, speech_duration_s
 from navcore.errors import InputError
+from navcore.types import Reason
 
 QUIET_PLACE = 1e-4
 
@@ -71,6 +76,52 @@ def test_words_are_spoken_and_different_words_sound_different() -> None:
     assert np.array_equal(stop, speech.samples("Stop."))
     assert len(speech.samples("--help")) > 0
     assert len(speech.samples("向左转30度。")) > 0.3 * SAMPLE_RATE_HZ
+
+
+@pytest.mark.parametrize("style", ["degrees", "clock", "sides"])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_direction_is_spoken_and_takes_about_as_long_as_it_is_said_to(
+    language: Language, style: DirectionStyle, tmp_path: Path
+) -> None:
+    """What espeak-ng makes of it, in the WAV file that a walk writes."""
+    speech = Speech(language)
+    if not speech.available:
+        pytest.skip("espeak-ng is not installed")
+    texts = [turn_text(told_turn_deg(angle, style), style, language) for angle in (0.2, -0.8, 1.6, -2.4, 3.1)]
+    texts += [move_text(told_move_deg(angle, 10.0, style), style, language) for angle in (0.0, -0.3)]
+    for index, text in enumerate(dict.fromkeys(texts)):
+        path = tmp_path / f"{index}.wav"
+        output = WavFileOutput(path, speech, begin_s=0.0)
+        output.play(Cue(0.0, CueKind.TURN, CuePriority.TURN, text))
+        output.close()
+        heard = read_wav(path)
+        assert loudness(heard) > 0.01, text
+        np.testing.assert_array_equal(heard[:, 0], heard[:, 1])
+        assert speech_duration_s(text, language) == pytest.approx(len(heard) / SAMPLE_RATE_HZ, rel=0.3), text
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_all_texts_together_take_as_long_as_they_are_said_to(language: Language) -> None:
+    speech = Speech(language)
+    if not speech.available:
+        pytest.skip("espeak-ng is not installed")
+    texts = [*STOP_TEXTS[language].values(), *EXPLANATIONS[language].values()]
+    texts += [text for text in TEXTS[language].values() if "{" not in text]
+    said_s = sum(speech_duration_s(text, language) for text in texts)
+    assert said_s == pytest.approx(sum(len(speech.samples(text)) for text in texts) / SAMPLE_RATE_HZ, rel=0.1)
+
+
+@pytest.mark.parametrize(("language", "style"), [("en", "clock"), ("zh", "sides")])
+def test_without_a_voice_directions_are_text_and_tones(
+    language: Language, style: DirectionStyle, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    text = turn_text(told_turn_deg(1.0, style), style, language)
+    stream = io.StringIO()
+    TextOutput(stream).play(Cue(0.0, CueKind.TURN, CuePriority.TURN, text))
+    assert text in stream.getvalue()
+    assert not Speech(language).available
+    assert loudness(render_cue(stop_cue(0.0, Reason.PAUSED, language), Speech(language))) > 0.1
 
 
 def test_without_a_voice_words_are_silent(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import pytest
 from closed_loop import box, route_along, walk
 
+from navcore.cues.directions import CLOCK_DEG, SIZES_DEG
 from navcore.cues.table import CueKind
+from navcore.settings import Settings
 from navcore.types import Action, Reason
 
 CORRIDOR = (
@@ -31,6 +33,37 @@ SCENES = {
 def test_the_walker_arrives_and_touches_nothing(name: str):
     solids, route, start = SCENES[name]
     result = walk(solids, route, start, seed=1, limit_s=70.0)
+    assert result.arrived, result.guidance[-1].trace.rule
+    assert result.contacts == 0
+    assert result.deviations_m(route).max() < 1.1
+
+
+@pytest.mark.parametrize("style", ["clock", "sides"])
+@pytest.mark.parametrize(
+    ("name", "policy"),
+    [*((name, "paper") for name in SCENES), ("corner", "road_centred"), ("facing away", "road_centred")],
+)
+def test_no_direction_style_is_too_coarse_to_arrive(name: str, style: str, policy: str):
+    """The walker turns by what the words say, and by nothing finer."""
+    solids, route, start = SCENES[name]
+    settings = Settings().changed({"cues.direction_style": style, "follower.policy": policy, "cues.language": "zh"})
+    result = walk(solids, route, start, seed=1, limit_s=70.0, settings=settings)
+    assert result.arrived, result.guidance[-1].trace.rule
+    assert result.contacts == 0
+    assert result.deviations_m(route).max() < 1.1
+    told = [cue.angle_deg for cue in result.cues if cue.kind is CueKind.TURN]
+    allowed = CLOCK_DEG if style == "clock" else SIZES_DEG.values()
+    assert {abs(angle_deg) for angle_deg in told} <= set(allowed)
+
+
+@pytest.mark.parametrize("verbosity", ["brief", "full"])
+@pytest.mark.parametrize("name", ["corner", "facing away", "destination at a wall"])
+def test_no_verbosity_leads_astray(name: str, verbosity: str):
+    """What is said besides the instructions neither covers them nor leaves the walker in silence."""
+    solids, route, start = SCENES[name]
+    result = walk(
+        solids, route, start, seed=1, limit_s=70.0, settings=Settings().changed({"cues.verbosity": verbosity})
+    )
     assert result.arrived, result.guidance[-1].trace.rule
     assert result.contacts == 0
     assert result.deviations_m(route).max() < 1.1

@@ -19,6 +19,7 @@ from device_agent.state import DeviceState
 from device_agent.walk import Moment, lead
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
+from navcore.types import Reason, TurnKind
 from navcore.wire import SetDestination
 
 ISSUE = (

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 
 from device_agent.ports import Clock, EventKind, KeptMessage
+from navcore.cues.overlay import Overlay
+from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.errors import SensorError
 from navcore.settings import Settings
@@ -110,6 +112,32 @@ class FakeOutput:
 
     def close(self) -> None:
         """Be silent from now on."""
+        self._closed = True
+
+
+class FakeDisplay:
+    """Keeps every pair of pictures, and calls back as each is shown."""
+
+    def __init__(self, on_show: Callable[[Overlay], None] | None = None) -> None:
+        self.overlays: list[Overlay] = []
+        self._on_show = on_show
+        self._closed = False
+
+    @property
+    def geometry(self) -> DisplayGeometry:
+        """Displays of the usual size."""
+        return DisplayGeometry()
+
+    def show(self, overlay: Overlay) -> None:
+        """Keep the pictures; after closing nothing is seen any more."""
+        if self._closed:
+            return
+        self.overlays.append(overlay)
+        if self._on_show is not None:
+            self._on_show(overlay)
+
+    def close(self) -> None:
+        """Be dark from now on."""
         self._closed = True
 
 

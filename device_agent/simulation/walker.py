@@ -67,7 +67,7 @@ class WalkerParameters:
     silence_s: float = 1.5
     """Silence is never "go": the walker is taught to stop after so long without a sound."""
     speech_chars_per_s: float = 15.0
-    """Speed of the device's speech; while it talks, it is not silent."""
+    """Speed of the device's speech, in letters; while it talks, it is not silent."""
     body_radius_m: float = 0.25
     sight_range_m: float = 0.0
     """How far the walker sees what is in the way, and goes round it; 0 for somebody who is totally blind. Low vision
@@ -152,6 +152,7 @@ class WalkerBody:
 
 _RESUMING = (CueKind.TICK, CueKind.STEER, CueKind.WALK)
 _STOPPING = (CueKind.STOP, CueKind.ARRIVED)
+_LETTERS_OF_A_SYLLABLE = 3.5
 _RELEASE_M = 0.05
 """A contact ends when the body is this far from what it touched: sliding along a wall is one episode."""
 
@@ -159,7 +160,7 @@ _RELEASE_M = 0.05
 def hear(body: WalkerBody, cue: Cue, walker: WalkerParameters, rng: np.random.Generator) -> WalkerBody:
     """Return the walker who has begun to hear a cue now."""
     now_s = body.time_s
-    spoken_s = len(cue.text) / walker.speech_chars_per_s
+    spoken_s = _letters(cue.text) / walker.speech_chars_per_s
     heard_until_s = max(body.heard_until_s, now_s + max(cue.duration_s, spoken_s))
     delay_s = float(rng.uniform(walker.reaction_min_s, walker.reaction_max_s))
     gain_error, tone_error = (float(value) for value in rng.standard_normal(2))
@@ -183,6 +184,11 @@ def hear(body: WalkerBody, cue: Cue, walker: WalkerParameters, rng: np.random.Ge
         stands = [each.act_at_s for each in body.intentions if each.kind in (*_STOPPING, CueKind.TURN)]
         return replace(body, intentions=(Intention(min([now_s + delay_s, *stands]), cue.kind, None),))
     return replace(body, intentions=(*body.intentions, *heard))
+
+
+def _letters(text: str) -> float:
+    """Return the length of a text in letters of the Latin script; one of the Chinese script is a syllable."""
+    return sum(_LETTERS_OF_A_SYLLABLE if "\u4e00" <= character <= "\u9fff" else 1.0 for character in text)
 
 
 def step(

@@ -14,7 +14,7 @@ from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.cues.texts import Language, speech_duration_s
 
 _WAITS_AT_MOST_S = 4.0
-_PAUSE_S = 0.1
+PAUSE_S = 0.1
 """Silence between two sentences."""
 
 
@@ -70,7 +70,7 @@ def _begin(
     rest = {priority: cue for priority, cue in waiting.items() if cue is not chosen}
     if speaking is not None and speaking.priority < chosen.priority:
         rest.setdefault(speaking.priority, speaking)
-    until_s = now_s + chosen.duration_s + speech_duration_s(chosen.text, language) + _PAUSE_S
+    until_s = now_s + chosen.duration_s + speech_duration_s(chosen.text, language) + PAUSE_S
     return (chosen,), CueBus(chosen, until_s, tuple(rest.values()), chosen)
 
 

@@ -8,16 +8,19 @@ walker stands still in a wrong direction, or the direction to turn to has become
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 from navcore.angles import wrap_rad
 from navcore.cues import bus as cue_bus
+from navcore.cues.announcements import announcement, is_straight, spoken_name
 from navcore.cues.bus import CueBus
+from navcore.cues.directions import move_text, told_move_deg, told_turn_deg, turn_text
+from navcore.cues.memory import CueMemory
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue
-from navcore.cues.table import PRIORITY, Cue, CueKind, CuePriority
-from navcore.cues.texts import TEXTS, Language, move_text, turn_text
+from navcore.cues.table import ANNOUNCEMENTS, PRIORITY, Cue, CueKind, CuePriority
+from navcore.cues.texts import TEXTS, Language
 from navcore.settings import CueSettings, Settings
-from navcore.types import Action, Guidance, Reason, Route, RouteStop, SonarState
+from navcore.types import Action, Guidance, Reason, Route, SonarState
 
 _STILL_RAD = math.radians(3.0)
 _STILL_S = 0.8
@@ -29,53 +32,13 @@ _SHORTEST_TURN_S = 1.5
 _STANDING_HOLD_S = 0.5
 """Somebody who stands already hears a new reason only after it has held for so long."""
 _STOP_REPEAT_FACTOR = 3.0
-_ROUND_TO_DEG = 5.0
-_SMALLEST_TURN_DEG = 10.0
-"""Nobody can turn by less to order: turns without vision err by several degrees."""
+_AIM_DEG = 3.0
+"""A tone is not heard from a more exact direction than this (J. Blauert, "Spatial Hearing")."""
 _OFF_ROAD_REPEAT_S = 10.0
 _UNCERTAIN_REPEAT_S = 20.0
 _NOTICE_HOLD_S = 1.0
 """A sensor or a pose that fails for a moment only is not talked about; guidance heeds it at once."""
-_STRAIGHT_HOLD_S = 1.0
-"""There is time for an announcement when the walker has needed no steering for so long."""
 _LOST_STATES = frozenset({SonarState.STALE, SonarState.ABSENT})
-
-
-@dataclass(frozen=True, slots=True)
-class CueMemory:
-    """What has been said, as far as it matters for what to say next."""
-
-    bus: CueBus = field(default_factory=CueBus)
-    told_action: Action | None = None
-    """The last instruction that was spoken."""
-    told_reason: Reason | None = None
-    told_s: float = -math.inf
-    """When."""
-    told_target_rad: float | None = None
-    """World direction that the last turn was to lead to."""
-    heading_rad: float | None = None
-    """Heading since which the walker has stood still."""
-    still_since_s: float = -math.inf
-    changed_since_s: float | None = None
-    """Since when guidance has been another than what was told, while the walker stands."""
-    tone_s: float = -math.inf
-    """When the last tick or steering tone was due."""
-    tone_angle_deg: float = 0.0
-    beep_s: float = -math.inf
-    off_road_s: float = -math.inf
-    sonar_lost: bool = False
-    """What the walker was last told of the rangefinder."""
-    sonar_changed_s: float | None = None
-    """Since when it has been otherwise."""
-    uncertain_s: float = -math.inf
-    """When the walker was last told that the position is uncertain."""
-    straight_since_s: float | None = None
-    """Since when the walker has been walking straight on."""
-    route_version: int | None = None
-    reassured_m: float | None = None
-    """Distance left when the walker last heard that all is well."""
-    announced: frozenset[str] = frozenset()
-    """PoIs of this route that have been announced."""
 
 
 def cues_for(
@@ -97,21 +60,23 @@ def cues_for(
     before = memory
     memory = _with_straight(_of_route(_with_heading(memory, guidance, now_s), guidance), guidance, settings, now_s)
     wanted: list[Cue] = []
-    for stage in (_instruction, _heart_beat, _beep, _notices, _reassurance, _places_ahead):
+    for stage in (_instruction, _heart_beat, _beep, _notices):
         cues, memory = stage(guidance, memory, route, settings, now_s)
         wanted += cues
+    if all(cue.is_tone for cue in wanted):
+        announced, memory = announcement(guidance, memory, route, settings, now_s)
+        wanted += [announced] if announced is not None else []
     played, heard = cue_bus.play(
         memory.bus, wanted, now_s, settings.cues.language, lambda cue: _still_holds(cue, guidance, settings)
     )
-    if not any(cue.kind in (CueKind.WALK, CueKind.TICK, CueKind.STEER) for cue in played):
-        # A tone that could not be heard, because somebody spoke, is due at once when they have finished.
-        memory = replace(memory, tone_s=before.tone_s, tone_angle_deg=before.tone_angle_deg)
+    memory, heard = _cut_off(_with_tones(memory, before, played), before, played, heard, now_s)
     return played, replace(memory, bus=heard)
 
 
 def say(text: str, memory: CueMemory, settings: Settings, now_s: float) -> tuple[tuple[Cue, ...], CueMemory]:
     """Speak a sentence of a person at the console, or a notice of the device, as soon as nothing higher is heard."""
     played, bus = cue_bus.play(memory.bus, [message_cue(now_s, text)], now_s, settings.cues.language, lambda _: True)
+    memory, bus = _cut_off(memory, memory, played, bus, now_s)
     return played, replace(memory, bus=bus)
 
 
@@ -122,6 +87,7 @@ def repeat_last(memory: CueMemory, settings: Settings, now_s: float) -> tuple[tu
         return (), memory
     again = replace(last, stamp_s=now_s, angle_deg=None, kind=CueKind.MESSAGE)
     played, bus = cue_bus.play(memory.bus, [again], now_s, settings.cues.language, lambda _: True)
+    memory, bus = _cut_off(memory, memory, played, bus, now_s)
     return played, replace(memory, bus=bus)
 
 
@@ -166,8 +132,9 @@ def _turn(guidance: Guidance, memory: CueMemory, settings: CueSettings, now_s: f
     target = None if heading is None else heading + guidance.direction
     if memory.told_action is Action.TURN and not _turn_is_due(memory, target, settings, now_s):
         return [], memory
-    angle_deg = math.copysign(max(_SMALLEST_TURN_DEG, abs(_rounded_deg(guidance.direction))), guidance.direction)
-    cue = Cue(now_s, CueKind.TURN, PRIORITY[CueKind.TURN], turn_text(angle_deg, settings.language), angle_deg)
+    angle_deg = told_turn_deg(guidance.direction, settings.direction_style)
+    text = turn_text(angle_deg, settings.direction_style, settings.language)
+    cue = Cue(now_s, CueKind.TURN, PRIORITY[CueKind.TURN], text, angle_deg)
     return [cue], replace(_told(memory, guidance, now_s), told_target_rad=target, still_since_s=now_s)
 
 
@@ -181,8 +148,11 @@ def _turn_is_due(memory: CueMemory, target: float | None, settings: CueSettings,
         and memory.told_target_rad is not None
         and abs(wrap_rad(target - memory.told_target_rad)) > _NEW_TARGET_RAD
     )
+    # Nobody turns before they have heard by how much: standing still counts from then on.
+    speaking = memory.bus.speaking
+    heard_s = memory.bus.until_s if speaking is not None and speaking.kind is CueKind.TURN else memory.told_s
     has_turned = memory.still_since_s > memory.told_s
-    stands_still = now_s - memory.still_since_s >= _STILL_S
+    stands_still = now_s - max(memory.still_since_s, heard_s) >= _STILL_S
     # Where poses are so noisy that nobody seems ever to stand still, it is said again all the same.
     forgotten = since_s >= _STOP_REPEAT_FACTOR * settings.turn_repeat_s
     return is_new or forgotten or (stands_still and (has_turned or since_s >= settings.turn_repeat_s))
@@ -191,10 +161,10 @@ def _turn_is_due(memory: CueMemory, target: float | None, settings: CueSettings,
 def _walk(guidance: Guidance, memory: CueMemory, settings: CueSettings, now_s: float) -> Stage:
     if guidance.direction is None or memory.told_action is Action.WALK:
         return [], memory
-    angle_deg = math.degrees(guidance.direction)
-    text = move_text(_rounded_deg(guidance.direction), settings.straight_within_deg, settings.language)
-    cue = Cue(now_s, CueKind.WALK, PRIORITY[CueKind.WALK], text, round(angle_deg, 1))
-    return [cue], replace(_told(memory, guidance, now_s), tone_s=now_s, tone_angle_deg=angle_deg)
+    angle_deg = told_move_deg(guidance.direction, settings.straight_within_deg, settings.direction_style)
+    text = move_text(angle_deg, settings.direction_style, settings.language)
+    cue = Cue(now_s, CueKind.WALK, PRIORITY[CueKind.WALK], text, angle_deg)
+    return [cue], _told(memory, guidance, now_s)
 
 
 # --------------------------------------------------------------------------------------------------------- tones
@@ -203,12 +173,13 @@ def _heart_beat(guidance: Guidance, memory: CueMemory, route: Route | None, sett
         return [], memory
     angle_deg = math.degrees(guidance.direction)
     straight_deg = settings.cues.straight_within_deg
-    steers, steered = abs(angle_deg) > straight_deg, abs(memory.tone_angle_deg) > straight_deg
+    steers = abs(angle_deg) > (_AIM_DEG if memory.aims else straight_deg)
+    steered = abs(memory.tone_angle_deg) > straight_deg
     interval_s = settings.cues.steer_interval_s if steers else settings.cues.tick_interval_s
     if now_s - memory.tone_s < interval_s and not (steered and not steers):
         return [], memory
     cue = steer_cue(now_s, round(angle_deg, 1)) if steers else tick_cue(now_s)
-    return [cue], replace(memory, tone_s=now_s, tone_angle_deg=angle_deg)
+    return [cue], replace(memory, tone_s=now_s, tone_angle_deg=angle_deg, aims=False)
 
 
 def _beep(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Stage:
@@ -248,45 +219,45 @@ def _with_sonar(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMemor
     return replace(memory, sonar_changed_s=now_s) if memory.sonar_changed_s is None else memory
 
 
-def _reassurance(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Stage:
-    left_m = guidance.trace.remaining_m
-    if left_m is None or guidance.action is not Action.WALK:
-        return [], memory
-    if memory.reassured_m is None:
-        return [], replace(memory, reassured_m=left_m)
-    if memory.reassured_m - left_m < settings.cues.reassurance_m or not _has_time(memory, now_s):
-        return [], memory
-    text = TEXTS[settings.cues.language]["reassurance"].format(metres=round(left_m))
-    cue = Cue(now_s, CueKind.REASSURANCE, PRIORITY[CueKind.REASSURANCE], text, distance_m=left_m)
-    return [cue], replace(memory, reassured_m=left_m)
-
-
-def _places_ahead(
-    guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
-) -> Stage:
-    left_m = guidance.trace.remaining_m
-    if route is None or left_m is None or not _has_time(memory, now_s):
-        return [], memory
-    done_m = route.length_m - left_m
-    for stop in route.stops:
-        ahead_m = stop.distance_m - done_m
-        if stop.is_silent or stop.poi_id in memory.announced or not 1.0 < ahead_m <= settings.cues.announce_m:
-            continue
-        text = TEXTS[settings.cues.language]["poi_ahead"].format(name=_spoken(stop), metres=round(ahead_m))
-        cue = Cue(now_s, CueKind.POI_AHEAD, PRIORITY[CueKind.POI_AHEAD], text, distance_m=ahead_m)
-        return [cue], replace(memory, announced=memory.announced | {stop.poi_id})
-    return [], memory
-
-
 # --------------------------------------------------------------------------------------------------------- parts
 def _still_holds(cue: Cue, guidance: Guidance, settings: Settings) -> bool:
     """Whether a sentence that waited, or was cut off, is still true; an announcement gives way to steering for good."""
-    holds_while = {CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK}
-    if cue.kind in (CueKind.POI_AHEAD, CueKind.REASSURANCE):
-        return _is_straight(guidance, settings)
+    holds_while = {
+        CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK,
+        CueKind.HAZARD_AHEAD: Action.WALK, CueKind.EXPLANATION: Action.STOP,
+    }  # fmt: skip
+    if cue.kind in ANNOUNCEMENTS and cue.kind not in holds_while:
+        return is_straight(guidance, settings)
     if cue.kind is CueKind.ARRIVED:
         return guidance.reason is Reason.ARRIVED
     return cue.kind not in holds_while or guidance.action is holds_while[cue.kind]
+
+
+def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -> CueMemory:
+    """Remember tones only as far as they were heard: one that somebody spoke over is due when they have finished.
+
+    Words say the direction of a movement roughly; the tone that follows them says the rest.
+    """
+    if any(cue.kind in (CueKind.TICK, CueKind.STEER) for cue in played):
+        return memory
+    told_deg = [cue.angle_deg for cue in played if cue.kind is CueKind.WALK and cue.angle_deg is not None]
+    return replace(
+        memory, tone_s=before.tone_s, tone_angle_deg=told_deg[0] if told_deg else before.tone_angle_deg,
+        aims=before.aims or bool(told_deg),
+    )  # fmt: skip
+
+
+def _cut_off(
+    memory: CueMemory, before: CueMemory, played: tuple[Cue, ...], heard: CueBus, now_s: float
+) -> tuple[CueMemory, CueBus]:
+    """Announcements do not wait. One of a place that other words have cut off is made anew, with a true distance."""
+    heard = replace(heard, waiting=tuple(cue for cue in heard.waiting if cue.kind not in ANNOUNCEMENTS))
+    cut = before.bus.speaking if before.bus.is_speaking(now_s) else None
+    if cut is None or cut.kind not in (CueKind.POI_AHEAD, CueKind.HAZARD_AHEAD) or before.announcing is None:
+        return memory, heard
+    if all(cue.is_tone for cue in played):
+        return memory, heard
+    return replace(memory, announced=memory.announced - {before.announcing}), heard
 
 
 def _with_heading(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMemory:
@@ -297,7 +268,7 @@ def _with_heading(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMem
 
 
 def _with_straight(memory: CueMemory, guidance: Guidance, settings: Settings, now_s: float) -> CueMemory:
-    if not _is_straight(guidance, settings):
+    if not is_straight(guidance, settings):
         return replace(memory, straight_since_s=None)
     return replace(memory, straight_since_s=now_s) if memory.straight_since_s is None else memory
 
@@ -305,13 +276,16 @@ def _with_straight(memory: CueMemory, guidance: Guidance, settings: Settings, no
 def _of_route(memory: CueMemory, guidance: Guidance) -> CueMemory:
     if memory.route_version == guidance.route_version:
         return memory
-    return replace(memory, route_version=guidance.route_version, reassured_m=None, announced=frozenset())
+    return replace(
+        memory, route_version=guidance.route_version, reassured_m=None, announced=frozenset(), announcing=None,
+        corner_m=-math.inf,
+    )  # fmt: skip
 
 
 def _told(memory: CueMemory, guidance: Guidance, now_s: float) -> CueMemory:
     return replace(
         memory, told_action=guidance.action, told_reason=guidance.reason, told_s=now_s, told_target_rad=None,
-        changed_since_s=None,
+        changed_since_s=None, explained=memory.explained if guidance.action is Action.STOP else None,
     )  # fmt: skip
 
 
@@ -319,29 +293,6 @@ def _is_repeated(reason: Reason) -> bool:
     return reason not in (Reason.ARRIVED, Reason.NO_ROUTE, Reason.PAUSED)
 
 
-def _is_straight(guidance: Guidance, settings: Settings) -> bool:
-    """Whether the walker walks straight on."""
-    if guidance.action is not Action.WALK or guidance.direction is None:
-        return False
-    return abs(math.degrees(guidance.direction)) <= settings.cues.straight_within_deg
-
-
-def _has_time(memory: CueMemory, now_s: float) -> bool:
-    """Whether the walker has been walking straight on for long enough to listen."""
-    return memory.straight_since_s is not None and now_s - memory.straight_since_s >= _STRAIGHT_HOLD_S
-
-
-def _rounded_deg(direction_rad: float) -> float:
-    """Round to what can be spoken and turned to; never to nothing."""
-    degrees = math.degrees(direction_rad)
-    rounded = _ROUND_TO_DEG * round(degrees / _ROUND_TO_DEG)
-    return math.copysign(_ROUND_TO_DEG, degrees) if rounded == 0.0 and abs(degrees) > 1.0 else rounded
-
-
-def _spoken(stop: RouteStop) -> str:
-    return stop.spoken_name or stop.name
-
-
 def _arrived_text(route: Route | None, language: Language) -> str:
-    name = _spoken(route.stops[-1]) if route is not None and route.stops else ""
-    return TEXTS[language]["arrived"].format(name=name) if name else TEXTS[language]["arrived"].split(":")[0]
+    name = spoken_name(route.stops[-1]) if route is not None and route.stops else ""
+    return TEXTS[language]["arrived"].format(name=name) if name else TEXTS[language]["arrived_here"]

@@ -1,9 +1,17 @@
-"""Everything that the walker can hear, in one place: the kinds, their priority, and the cue value."""
+"""Everything that the walker can hear and see, in one place: the kinds, the table of what each is, and the cue value.
+
+The page ``docs/cues.md`` is made from :data:`CUE_TABLE` (``vbr cues --markdown``).
+"""
 
 from __future__ import annotations
 
 import enum
 from dataclasses import dataclass
+from typing import Literal
+
+Verbosity = Literal["brief", "normal", "full"]
+"""How much is said; each level says all that the ones before it say."""
+VERBOSITIES: tuple[Verbosity, ...] = ("brief", "normal", "full")
 
 
 class CuePriority(enum.IntEnum):
@@ -33,25 +41,133 @@ class CueKind(enum.Enum):
     OBSTACLE_BEEP = "obstacle_beep"
     """Quickens and rises as an obstacle nears: ``distance_m``."""
     ARRIVED = "arrived"
+    HAZARD_AHEAD = "hazard_ahead"
+    """Stairs on the way, known from the map: ``distance_m``."""
+    TURN_AHEAD = "turn_ahead"
+    """A corner of the way: ``distance_m``. Nothing is to be done yet, so that it carries no angle."""
     POI_AHEAD = "poi_ahead"
     REASSURANCE = "reassurance"
+    DEVIATION = "deviation"
+    """Where the road is, as seen by somebody who walks beside it: ``distance_m``."""
+    EXPLANATION = "explanation"
+    """Why the walker was stopped, in a full sentence, after the stop itself."""
     MESSAGE = "message"
     """A sentence from a person at the console, or a notice of the device (a sensor failed, a map was taken)."""
 
 
-PRIORITY: dict[CueKind, CuePriority] = {
-    CueKind.STOP: CuePriority.STOP,
-    CueKind.ARRIVED: CuePriority.STOP,
-    CueKind.OBSTACLE_BEEP: CuePriority.OBSTACLE,
-    CueKind.TURN: CuePriority.TURN,
-    CueKind.WALK: CuePriority.TURN,
-    CueKind.STEER: CuePriority.TURN,
-    CueKind.TICK: CuePriority.REASSURANCE,
-    CueKind.REASSURANCE: CuePriority.REASSURANCE,
-    CueKind.POI_AHEAD: CuePriority.POI,
-    CueKind.MESSAGE: CuePriority.OFF_ROAD,
-}
+@dataclass(frozen=True, slots=True)
+class CueEntry:
+    """One line of the table."""
+
+    priority: CuePriority
+    meaning: str
+    """What the walker is to do, or learns."""
+    sound: str
+    picture: str
+    """What the see-through overlay shows meanwhile."""
+    repeats: str
+    """When it comes again while it holds."""
+    words: tuple[str, ...] = ()
+    """Keys of :data:`navcore.cues.texts.TEXTS` that it may say."""
+    by_reason: Literal["", "stop", "explanation"] = ""
+    """Whether it has a sentence for each reason: ``STOP_TEXTS`` or ``EXPLANATIONS``."""
+    verbosity: Verbosity = "brief"
+    """The least verbosity at which it is said. Whatever safety hangs on is ``brief``: it is said at every level."""
+
+
+_SIDES = ("left", "right")
+_SPOKEN = "speech, in the middle"
+
+CUE_TABLE: dict[CueKind, CueEntry] = {
+    CueKind.STOP: CueEntry(
+        CuePriority.STOP, "Stand still, and why.", "330 Hz for 0.2 s, then speech",
+        "octagon with STOP, and the pictogram of the reason", "every 3 × `turn_repeat_s`, while somebody is led",
+        by_reason="stop",
+    ),
+    CueKind.ARRIVED: CueEntry(
+        CuePriority.STOP, "Stand still: this is the destination.", _SPOKEN, "ring with a tick mark", "no",
+        ("arrived", "arrived_here"),
+    ),
+    CueKind.OBSTACLE_BEEP: CueEntry(
+        CuePriority.OBSTACLE, "Something stands ahead, the nearer the quicker and higher.",
+        "600 Hz (far) to 1200 Hz (touching), 0.06 s",
+        "outline of what is near: thicker and brighter the nearer, hatched inside the stop distance;"
+        " a drop is a toothed line",
+        "every 1.0 s (far) to 0.1 s (touching)",
+    ),
+    CueKind.TURN: CueEntry(
+        CuePriority.TURN, "Stand, and turn on the spot by the angle. The turn ends with the next instruction.",
+        _SPOKEN, "dial with an arc from straight ahead to the new direction, and the angle as it is spoken",
+        "when the walker stands still in a wrong direction, or the direction has become another one",
+        (*(f"turn_{side}" for side in _SIDES), "turn_clock",
+         *(f"turn_{size}_{side}" for size in ("slightly", "half", "full", "sharp", "round") for side in _SIDES)),
+    ),
+    CueKind.WALK: CueEntry(
+        CuePriority.TURN, "Begin to move, or go on, in the direction.", _SPOKEN,
+        "arrow on the floor, bent towards the direction", "after every stop and turn",
+        ("move_straight", *(f"move_{side}" for side in _SIDES), "move_clock",
+         *(f"move_{size}_{side}" for size in ("slightly", "half", "full", "sharp", "round") for side in _SIDES)),
+    ),
+    CueKind.STEER: CueEntry(
+        CuePriority.TURN, "Go on, and bear towards the tone.",
+        "660 to 880 Hz, 0.15 s; place and pitch by the angle", "the arrow on the floor bends",
+        "every `steer_interval_s`",
+    ),
+    CueKind.TICK: CueEntry(
+        CuePriority.REASSURANCE, "Go straight on. Silence is *stop*.", "440 Hz for 0.05 s, in the middle",
+        "the arrow on the floor is straight", "every `tick_interval_s`",
+    ),
+    CueKind.HAZARD_AHEAD: CueEntry(
+        CuePriority.OFF_ROAD, "Stairs on the way: walk with care.", _SPOKEN, "no other",
+        "no", ("hazard_ahead", "hazard_ahead_named"),
+    ),
+    CueKind.MESSAGE: CueEntry(
+        CuePriority.OFF_ROAD, "A person at the console speaks, or the device tells what has changed.", _SPOKEN,
+        "triangle with a mark while off the road (!) or unsure of the position (?)",
+        "off the road: every 10 s; position uncertain: every 20 s",
+        ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
+         "way_anew"),
+    ),
+    CueKind.TURN_AHEAD: CueEntry(
+        CuePriority.REASSURANCE, "The way bends so far ahead. Nothing is to be done yet.", _SPOKEN,
+        "bent arrow with the distance", "no", (*(f"turn_ahead_{side}" for side in _SIDES), "turn_ahead_exact"),
+        verbosity="normal",
+    ),
+    CueKind.REASSURANCE: CueEntry(
+        CuePriority.REASSURANCE, "All is well, and so far it is to the destination.", _SPOKEN,
+        "target with the distance left", "every `reassurance_m` walked", ("reassurance",), verbosity="normal",
+    ),
+    CueKind.POI_AHEAD: CueEntry(
+        CuePriority.POI, "A place on the way.", _SPOKEN, "no other", "no", ("poi_ahead", "poi_ahead_kind"),
+        verbosity="normal",
+    ),
+    CueKind.DEVIATION: CueEntry(
+        CuePriority.POI, "The walker is beside the middle of the road, though not off it.", _SPOKEN,
+        "post on the floor at the sub-goal, with its distance", "every 10 s",
+        tuple(f"deviation_{side}" for side in _SIDES), verbosity="full",
+    ),
+    CueKind.EXPLANATION: CueEntry(
+        CuePriority.POI, "Why the walker was stopped, after the stop itself.", _SPOKEN,
+        "that of the stop", "no", by_reason="explanation", verbosity="full",
+    ),
+}  # fmt: skip
+"""What each kind of cue is."""
+
+PRIORITY: dict[CueKind, CuePriority] = {kind: entry.priority for kind, entry in CUE_TABLE.items()}
 """The priority of each kind of cue."""
+
+ANNOUNCEMENTS = frozenset(
+    {
+        CueKind.HAZARD_AHEAD, CueKind.TURN_AHEAD, CueKind.REASSURANCE, CueKind.POI_AHEAD, CueKind.DEVIATION,
+        CueKind.EXPLANATION,
+    }
+)  # fmt: skip
+"""Sentences that begin at their time or not at all: said later, the distance in them would be wrong."""
+
+
+def is_said(kind: CueKind, verbosity: Verbosity) -> bool:
+    """Return whether cues of a kind are said at a verbosity."""
+    return VERBOSITIES.index(CUE_TABLE[kind].verbosity) <= VERBOSITIES.index(verbosity)
 
 
 @dataclass(frozen=True, slots=True)

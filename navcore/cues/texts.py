@@ -1,6 +1,7 @@
 """What the walker hears in words, in every language, in one place.
 
-Short: the walker acts only once a sentence has been heard. "Move" rather than "walk" (Wayfindr).
+Short: the walker acts only once a sentence has been heard. "Move" rather than "walk" (Wayfindr). How a direction is put
+into words is chosen in :mod:`navcore.cues.directions`.
 """
 
 from __future__ import annotations
@@ -42,19 +43,81 @@ STOP_TEXTS: dict[Language, dict[Reason, str]] = {
     },
 }
 
+EXPLANATIONS: dict[Language, dict[Reason, str]] = {
+    "en": {
+        Reason.OK: "Guidance has failed. Stand still: it goes on by itself when it can.",
+        Reason.OFF_ROAD: "You have left the road. Guidance leads back to it.",
+        Reason.OBSTACLE_DEPTH: "The camera sees something in the way. Guidance looks for a way round it.",
+        Reason.OBSTACLE_SONAR: "The ultrasonic sensor hears something that the camera cannot see, perhaps glass.",
+        Reason.DROP_AHEAD: "The floor falls away in front of you, perhaps a stair. Do not step forward.",
+        Reason.NO_CANDIDATE: "No direction in view is free and wide enough. Wait, or ask for help.",
+        Reason.DEPTH_INVALID: "The camera sees too little to be trusted. It may be covered, or it is too dark.",
+        Reason.POSE_LOST: "The device does not recognise this place. Stand still: it goes on by itself when it does.",
+        Reason.SENSOR_STALE: "A sensor gives nothing new. Stand still: guidance goes on by itself when it does.",
+        Reason.ARRIVED: "The destination is reached. Guidance has ended.",
+        Reason.NO_ROUTE: "No destination is chosen, or no way leads there.",
+        Reason.PAUSED: "Guidance waits until it is resumed.",
+    },
+    "zh": {
+        Reason.OK: "导航出错。请站住,恢复后会自动继续。",
+        Reason.OFF_ROAD: "您已离开道路,导航将带您回到路上。",
+        Reason.OBSTACLE_DEPTH: "摄像头看到前面有东西挡路,正在寻找绕行方向。",
+        Reason.OBSTACLE_SONAR: "超声波探测到摄像头看不见的东西,可能是玻璃。",
+        Reason.DROP_AHEAD: "您前面的地面下降,可能是楼梯。请不要向前迈步。",
+        Reason.NO_CANDIDATE: "视野内没有足够宽的通路。请等候或求助。",
+        Reason.DEPTH_INVALID: "摄像头看到的太少,不可信。可能被遮住,或光线太暗。",
+        Reason.POSE_LOST: "设备认不出这个地方。请站住,认出后会自动继续。",
+        Reason.SENSOR_STALE: "传感器没有新的数据。请站住,恢复后会自动继续。",
+        Reason.ARRIVED: "目的地已到,导航结束。",
+        Reason.NO_ROUTE: "没有选择目的地,或没有路通往那里。",
+        Reason.PAUSED: "导航已暂停,等待继续。",
+    },
+}
+"""Said after a stop where the walker wants to hear everything; never instead of it. No word of it is an instruction to
+move: whoever listens with half an ear must not hear one."""
+
 TEXTS: dict[Language, dict[str, str]] = {
     "en": {
         "turn_left": "Turn left {degrees} degrees.",
         "turn_right": "Turn right {degrees} degrees.",
+        "turn_clock": "Turn to {hour} o'clock.",
+        "turn_slightly_left": "Turn slightly left.",
+        "turn_slightly_right": "Turn slightly right.",
+        "turn_half_left": "Turn half left.",
+        "turn_half_right": "Turn half right.",
+        "turn_full_left": "Turn left.",
+        "turn_full_right": "Turn right.",
+        "turn_sharp_left": "Turn sharp left.",
+        "turn_sharp_right": "Turn sharp right.",
         "turn_round_left": "Turn around to the left.",
         "turn_round_right": "Turn around to the right.",
         "move_straight": "Move forward.",
         "move_left": "Move {degrees} degrees left.",
         "move_right": "Move {degrees} degrees right.",
+        "move_clock": "Move towards {hour} o'clock.",
+        "move_slightly_left": "Move slightly left.",
+        "move_slightly_right": "Move slightly right.",
+        "move_half_left": "Move half left.",
+        "move_half_right": "Move half right.",
+        "move_full_left": "Move left.",
+        "move_full_right": "Move right.",
+        "move_sharp_left": "Move sharp left.",
+        "move_sharp_right": "Move sharp right.",
+        "move_round_left": "Move back, round to the left.",
+        "move_round_right": "Move back, round to the right.",
         "off_road": "Off the road.",
-        "poi_ahead": "{name} in {metres} metres.",
-        "reassurance": "On the way. {metres} metres to go.",
+        "turn_ahead_left": "In {distance} turn left.",
+        "turn_ahead_right": "In {distance} turn right.",
+        "turn_ahead_exact": "In {distance}: {turn}",
+        "poi_ahead": "{name} in {distance}.",
+        "poi_ahead_kind": "{kind} in {distance}: {name}.",
+        "hazard_ahead": "Caution, {kind} in {distance}: {name}.",
+        "hazard_ahead_named": "Caution, {name} in {distance}.",
+        "deviation_left": "The road is {distance} to your left.",
+        "deviation_right": "The road is {distance} to your right.",
+        "reassurance": "On the way. {distance} to go.",
         "arrived": "You have arrived: {name}.",
+        "arrived_here": "You have arrived.",
         "sonar_lost": "Ultrasonic sensor failed. Depth camera only.",
         "sonar_back": "Ultrasonic sensor works again.",
         "pose_uncertain": "Position uncertain.",
@@ -66,15 +129,44 @@ TEXTS: dict[Language, dict[str, str]] = {
     "zh": {
         "turn_left": "向左转{degrees}度。",
         "turn_right": "向右转{degrees}度。",
+        "turn_clock": "转向{hour}点钟方向。",
+        "turn_slightly_left": "稍向左转。",
+        "turn_slightly_right": "稍向右转。",
+        "turn_half_left": "向左前方转。",
+        "turn_half_right": "向右前方转。",
+        "turn_full_left": "向左转。",
+        "turn_full_right": "向右转。",
+        "turn_sharp_left": "向左后方转。",
+        "turn_sharp_right": "向右后方转。",
         "turn_round_left": "向左转身。",
         "turn_round_right": "向右转身。",
         "move_straight": "向前走。",
         "move_left": "向左{degrees}度走。",
         "move_right": "向右{degrees}度走。",
+        "move_clock": "向{hour}点钟方向走。",
+        "move_slightly_left": "稍向左走。",
+        "move_slightly_right": "稍向右走。",
+        "move_half_left": "向左前方走。",
+        "move_half_right": "向右前方走。",
+        "move_full_left": "向左走。",
+        "move_full_right": "向右走。",
+        "move_sharp_left": "向左后方走。",
+        "move_sharp_right": "向右后方走。",
+        "move_round_left": "从左边往回走。",
+        "move_round_right": "从右边往回走。",
         "off_road": "已偏离路线。",
-        "poi_ahead": "前方{metres}米,{name}。",
-        "reassurance": "路线正确,还有{metres}米。",
+        "turn_ahead_left": "{distance}后左转。",
+        "turn_ahead_right": "{distance}后右转。",
+        "turn_ahead_exact": "{distance}后,{turn}",
+        "poi_ahead": "前方{distance},{name}。",
+        "poi_ahead_kind": "前方{distance},{kind}:{name}。",
+        "hazard_ahead": "注意,前方{distance}有{kind}:{name}。",
+        "hazard_ahead_named": "注意,前方{distance},{name}。",
+        "deviation_left": "道路在您左边{distance}。",
+        "deviation_right": "道路在您右边{distance}。",
+        "reassurance": "路线正确,还有{distance}。",
         "arrived": "您已到达{name}。",
+        "arrived_here": "您已到达。",
         "sonar_lost": "超声波传感器失灵,仅用深度摄像头。",
         "sonar_back": "超声波传感器已恢复。",
         "pose_uncertain": "位置不确定。",
@@ -85,9 +177,18 @@ TEXTS: dict[Language, dict[str, str]] = {
     },
 }
 
-_SPEECH_START_S = 0.25
-_S_PER_CHARACTER: dict[Language, float] = {"en": 0.066, "zh": 0.22}
-_ROUND_TURN_DEG = 155.0
+PLACE_KINDS: dict[Language, dict[str, str]] = {
+    "en": {"stairs": "stairs", "lift": "lift", "door": "door", "entrance": "entrance", "exit": "exit"},
+    "zh": {"stairs": "楼梯", "lift": "电梯", "door": "门", "entrance": "入口", "exit": "出口"},
+}
+"""Kinds of places at which the walker does something else than walk past: said before a name that does not say it."""
+HAZARD_KINDS = frozenset({"stairs"})
+
+_SPEECH_START_S: dict[Language, float] = {"en": 0.38, "zh": 0.25}
+_S_PER_HAN = 0.23
+_S_PER_DIGIT: dict[Language, float] = {"en": 0.22, "zh": 0.16}
+_S_PER_CHARACTER: dict[Language, float] = {"en": 0.058, "zh": 0.04}
+"""As espeak-ng speaks at the device's rates, over all texts of this file."""
 
 
 def stop_text(reason: Reason, language: Language) -> str:
@@ -95,20 +196,31 @@ def stop_text(reason: Reason, language: Language) -> str:
     return STOP_TEXTS[language][reason]
 
 
-def turn_text(angle_deg: float, language: Language) -> str:
-    """Return the words of a turn on the spot; left is positive."""
-    side = "left" if angle_deg > 0 else "right"
-    key = f"turn_round_{side}" if abs(angle_deg) >= _ROUND_TURN_DEG else f"turn_{side}"
-    return TEXTS[language][key].format(degrees=round(abs(angle_deg)))
+def distance_text(distance_m: float, language: Language, decimals: int = 0) -> str:
+    """Return a distance in words: "1 metre", "6 metres", "0.6 metres"."""
+    number = f"{distance_m:.{decimals}f}"
+    if language == "zh":
+        return f"{number}米"
+    return f"{number} metre" if number == "1" else f"{number} metres"
 
 
-def move_text(angle_deg: float, straight_within_deg: float, language: Language) -> str:
-    """Return the words that begin a movement in a direction; left is positive."""
-    if abs(angle_deg) <= straight_within_deg:
-        return TEXTS[language]["move_straight"]
-    return TEXTS[language]["move_left" if angle_deg > 0 else "move_right"].format(degrees=round(abs(angle_deg)))
+def place_text(name: str, kind: str, distance_m: float, language: Language) -> str:
+    """Return the announcement of a place: its kind is said where that matters and the name does not say it."""
+    texts, distance = TEXTS[language], distance_text(distance_m, language)
+    word = PLACE_KINDS[language].get(kind, "")
+    says_itself = not word or word.casefold() in name.casefold()
+    if kind in HAZARD_KINDS:
+        key = "hazard_ahead_named" if says_itself else "hazard_ahead"
+    else:
+        key, word = ("poi_ahead" if says_itself else "poi_ahead_kind"), word.capitalize()
+    return texts[key].format(name=name, kind=word, distance=distance)
 
 
 def speech_duration_s(text: str, language: Language) -> float:
     """Return about how long a text takes to be spoken, seconds; 0 for no text."""
-    return _SPEECH_START_S + _S_PER_CHARACTER[language] * len(text) if text else 0.0
+    if not text:
+        return 0.0
+    han = sum("\u4e00" <= character <= "\u9fff" for character in text)
+    digits = sum(character.isdigit() for character in text)
+    rest_s = _S_PER_DIGIT[language] * digits + _S_PER_CHARACTER[language] * (len(text) - han - digits)
+    return _SPEECH_START_S[language] + _S_PER_HAN * han + rest_s

@@ -221,4 +221,4 @@ def _pieces(spans: list[tuple[str, float, float]], ends_m: list[float]) -> tuple
 
 def _stop(poi: Poi, distance_m: float, is_goal: bool) -> RouteStop:
     is_silent = poi.kind == "junction" and not poi.spoken_name and not is_goal
-    return RouteStop(poi.id, poi.name, distance_m, poi.spoken_name, is_silent)
+    return RouteStop(poi.id, poi.name, distance_m, poi.spoken_name, is_silent, poi.kind)

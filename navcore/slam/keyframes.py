@@ -81,6 +81,9 @@ class Features:
     """(rows · columns + 1,): features of cell c are ``cell_start[c]`` up to ``cell_start[c + 1]``; cells of CELL_PX."""
     cell_columns: int
     """Columns of the grid."""
+    rolled_uvr_px: FloatArray | None = None
+    """(n, 3): u, v, u_r as they were seen, row by row, before the camera's movement during the readout was taken out;
+    None where it was not, or is not known any more."""
 
     def __len__(self) -> int:
         return len(self.octave)
@@ -112,3 +115,5 @@ class KeyFrame:
     features: Features
     session: int = 0
     """The recording that it comes from; stamps are only comparable within one."""
+    velocity: FloatArray | None = None
+    """(6,): twist per second while the picture was taken, see :mod:`navcore.slam.rolling_shutter`; None if unknown."""

@@ -9,22 +9,26 @@ import cv2
 import numpy as np
 import pytest
 
+from navcore.errors import SiteError
 from navcore.evaluation import absolute_trajectory_error
 from navcore.geometry import FloatArray
+from navcore.settings import LocalizationSettings
 from navcore.slam.bundle_adjustment import bundle_adjust
 from navcore.slam.features import GRID_PX, sort_into_cells
-from navcore.slam.keyframes import Features, SlamCamera
+from navcore.slam.keyframes import MAX_READOUT_S, Features, SlamCamera
 from navcore.slam.lie import exp_se3, inverse_se3
+from navcore.slam.localizer import Localizer
 from navcore.slam.mapper import Mapper
 from navcore.slam.readout_estimation import parameter_step
 from navcore.slam.rolling_shutter import (
-    MAX_READOUT_S,
     MAX_VELOCITY_GAP_S,
     ReadoutTime,
     sorted_anew,
     unrolled,
     velocity_between,
 )
+from navcore.slam.slam_map import SlamMap
+from navcore.slam.thawing import thaw
 from navcore.types import CameraIntrinsics, Frame
 
 INTRINSICS = CameraIntrinsics(320, 240, 260.0, 260.0, 159.5, 119.5)
@@ -221,31 +225,72 @@ def drawn_frames(count: int, readout_s: float) -> Iterator[tuple[Frame, FloatArr
         yield Frame(time_s, np.ascontiguousarray(colour, np.uint8), depth_m), inverse_se3(turning_head(time_s))[:3, 3]
 
 
-def mapped(count: int, readout_s: float) -> tuple[Mapper, float, float]:
-    """Return a mapper that has seen drawn frames, and the errors of its trajectory, while running and final."""
+@pytest.fixture(scope="module")
+def drawn() -> list[tuple[Frame, FloatArray]]:
+    return list(drawn_frames(75, READOUT_S))
+
+
+@pytest.fixture(scope="module")
+def drawn_at_once() -> list[tuple[Frame, FloatArray]]:
+    return list(drawn_frames(75, 0.0))
+
+
+def mapped(frames: list[tuple[Frame, FloatArray]]) -> tuple[Mapper, SlamMap, float, float]:
+    """Return a mapper that has seen frames, its map, and the errors of its trajectory, while running and final."""
     mapper = Mapper(INTRINSICS, CAMERA, 500)
-    truth, running = [], []
-    for frame, position in drawn_frames(count, readout_s):
+    running = []
+    for frame, _ in frames:
         assert mapper.add(frame)
-        truth.append(position)
         running.append(mapper.world_from_camera[:3, 3])
     slam_map = mapper.finish()
-    stamps_s = slam_map.trajectory_stamp_s
-    errors = [
-        absolute_trajectory_error(stamps_s, np.array(positions), stamps_s, np.array(truth)).rmse_m
-        for positions in (running, slam_map.trajectory[:, :3, 3])
-    ]
-    return mapper, errors[0], errors[1]
+    return mapper, slam_map, error_m(frames, running), error_m(frames, list(slam_map.trajectory[:, :3, 3]))
 
 
-def test_mapping_finds_the_readout_time_and_keeps_to_the_truth() -> None:
-    mapper, running_m, final_m = mapped(75, READOUT_S)
+def error_m(frames: list[tuple[Frame, FloatArray]], positions: list[FloatArray]) -> float:
+    stamps_s = np.array([frame.stamp_s for frame, _ in frames])
+    truth = np.array([position for _, position in frames])
+    return absolute_trajectory_error(stamps_s, np.array(positions), stamps_s, truth).rmse_m
+
+
+def located(frames: list[tuple[Frame, FloatArray]], slam_map: SlamMap) -> float:
+    """Return the error of the poses that a localizer finds."""
+    localizer = Localizer(slam_map, INTRINSICS, LocalizationSettings(feature_count=500))
+    found = [localizer.locate(frame).world_from_camera for frame, _ in frames]
+    assert all(pose is not None for pose in found)
+    return error_m(frames, [pose.translation for pose in found if pose is not None])
+
+
+def test_mapping_finds_the_readout_time_and_keeps_to_the_truth(drawn: list[tuple[Frame, FloatArray]]) -> None:
+    mapper, slam_map, running_m, final_m = mapped(drawn)
     assert mapper.builder.readout.seconds == pytest.approx(READOUT_S, abs=0.003)
+    assert slam_map.readout_s[0] == mapper.builder.readout.seconds
+    assert thaw(slam_map).readout.seconds == mapper.builder.readout.seconds
     # While nothing is known of the readout yet, poses are bent; without it, all are: 0.05 m.
     assert max(running_m, final_m) < 0.035
 
 
-def test_mapping_with_a_camera_that_takes_its_picture_at_once_finds_no_readout() -> None:
-    mapper, _, final_m = mapped(75, 0.0)
+def test_mapping_with_a_camera_that_takes_its_picture_at_once_finds_no_readout(
+    drawn_at_once: list[tuple[Frame, FloatArray]],
+) -> None:
+    mapper, _, _, final_m = mapped(drawn_at_once)
     assert abs(mapper.builder.readout.seconds) < 0.002
     assert final_m < 0.006
+
+
+def test_who_knows_the_readout_is_located_better(
+    drawn: list[tuple[Frame, FloatArray]], drawn_at_once: list[tuple[Frame, FloatArray]]
+) -> None:
+    true_map = mapped(drawn_at_once)[1]
+    knowing_m = located(drawn, replace(true_map, readout_s=np.array([READOUT_S])))
+    unknowing_m = located(drawn, replace(true_map, readout_s=np.zeros(1)))
+    assert knowing_m < 0.5 * unknowing_m
+
+
+def test_a_map_that_does_not_say_its_readout_has_none_and_an_impossible_one_is_damaged(
+    drawn_at_once: list[tuple[Frame, FloatArray]],
+) -> None:
+    arrays = mapped(drawn_at_once[:20])[1].to_arrays()
+    assert SlamMap.from_arrays(arrays).readout_s[0] == arrays["readout_s"][0]
+    assert SlamMap.from_arrays({k: a for k, a in arrays.items() if k != "readout_s"}).readout_s[0] == 0.0
+    with pytest.raises(SiteError, match="reads a picture"):
+        SlamMap.from_arrays({**arrays, "readout_s": np.array([1.0])})

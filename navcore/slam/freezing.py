@@ -42,6 +42,7 @@ def freeze(
     features, orders = zip(*(_in_cells(builder, k) for k in alive.tolist()), strict=True)
     lengths = [len(f) for f in features]
     arrays: dict[str, NDArray[Any]] = {
+        "readout_s": np.array([builder.readout.seconds]),
         "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
         "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
         "keyframe_depth": _depth_grids(builder, alive),

@@ -27,6 +27,8 @@ DESCRIPTOR_BYTES = 32
 INV_SIGMA2: FloatArray = np.power(SCALE_FACTOR, -2.0 * np.arange(LEVEL_COUNT, dtype=np.float64))
 """1/σ² (LEVEL_COUNT,) of an image coordinate found at each pyramid level, 1/px²; σ is one pixel of that level."""
 INV_SIGMA2.setflags(write=False)
+MAX_READOUT_S = 0.05
+"""No camera that takes 20 or more pictures a second needs longer from its first row to its last."""
 NO_LANDMARK = -1
 """Stands in ``landmark_of`` where a feature shows no landmark."""
 

@@ -20,13 +20,11 @@ from numpy.typing import NDArray
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.features import GRID_PX, sort_into_cells
-from navcore.slam.keyframes import Features, SlamCamera
+from navcore.slam.keyframes import MAX_READOUT_S, Features, SlamCamera
 from navcore.slam.lie import inverse_se3, log_se3, product
 
 MAX_VELOCITY_GAP_S = 0.15
 """Between poses farther apart than this a hand-held camera may have turned to and fro: its velocity is not known."""
-MAX_READOUT_S = 0.05
-"""No camera that takes 20 or more pictures a second reads for longer."""
 DRIFT = 0.5
 """Share of what was known that still counts when the map says anew how long the readout takes: both rest on nearly the
 same observations, but the later ones had better places to start from."""

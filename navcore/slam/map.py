@@ -420,13 +420,17 @@ class MapBuilder:
 
     def _make_room(self, width: int) -> None:
         if width > self._observers.shape[1]:
-            wider = np.zeros((len(self._observers), 2 * width, 2), np.int32)
-            wider[:, : self._observers.shape[1]] = self._observers
+            # Few landmarks are seen by many: their rows make all others longer, so the table widens in small steps.
+            wider = np.zeros((len(self._observers), width + width // 4, 2), np.int32)
+            count = self._landmark_count
+            wider[:count, : self._observers.shape[1]] = self._observers[:count]
             self._observers = wider
 
 
 def _grown(array: NDArray[np.generic], capacity: int, fill: float) -> NDArray:  # type: ignore[type-arg]
-    grown = np.full((capacity, *array.shape[1:]), fill, dtype=array.dtype)
+    # Memory that is zero from the start is taken only where something is written.
+    shape = (capacity, *array.shape[1:])
+    grown = np.full(shape, fill, array.dtype) if fill else np.zeros(shape, array.dtype)
     grown[: len(array)] = array
     return grown
 

@@ -265,8 +265,8 @@ def test_mapping_finds_the_readout_time_and_keeps_to_the_truth(drawn: list[tuple
     assert mapper.builder.readout.seconds == pytest.approx(READOUT_S, abs=0.003)
     assert slam_map.readout_s[0] == mapper.builder.readout.seconds
     assert thaw(slam_map).readout.seconds == mapper.builder.readout.seconds
-    # While nothing is known of the readout yet, poses are bent; without it, all are: 0.05 m.
-    assert max(running_m, final_m) < 0.035
+    # Without taking the readout out it is 0.05 m, without repeating adjustments while it is being found 0.03 m.
+    assert max(running_m, final_m) < 0.012
 
 
 def test_mapping_with_a_camera_that_takes_its_picture_at_once_finds_no_readout(

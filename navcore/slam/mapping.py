@@ -22,6 +22,10 @@ MAX_LANDMARK_DEPTH_M = 6.0
 """Depth beyond which a sensor's noise makes no useful landmark."""
 LOCAL_ADJUSTMENT_KEYFRAMES = 30
 """Key frames that local bundle adjustment moves, at most."""
+READOUT_ROUNDS = 3
+"""Times that a local bundle adjustment is done, at most, while the readout time is being found."""
+READOUT_SETTLED_S = 5e-4
+"""A change of the readout time below this moves features by less than they are uncertain."""
 FIXED_KEYFRAMES = 100
 """Key frames that hold them in place, at most."""
 FINAL_DEPTH_FACTOR = 4.0
@@ -137,10 +141,17 @@ def _agrees(features: Features, match: IntArray, uvr: FloatArray) -> BoolArray:
 
 # -------------------------------------------------------------------------------------------------- adjustment
 def adjust_locally(builder: MapBuilder, keyframe: int, iterations: int = 10) -> None:
-    """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place."""
+    """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place.
+
+    While it says that the readout takes otherwise than was thought, the features move, and it is done again.
+    """
     neighbours, _ = builder.covisible(keyframe, 15)
     moving = np.concatenate([[keyframe], neighbours[: LOCAL_ADJUSTMENT_KEYFRAMES - 1]]).astype(np.int32)
-    adjust(builder, moving, iterations)
+    for _ in range(READOUT_ROUNDS):
+        before_s = builder.readout.seconds
+        adjust(builder, moving, iterations)
+        if abs(builder.readout.seconds - before_s) < READOUT_SETTLED_S:
+            break
 
 
 def adjust_all(builder: MapBuilder, iterations: int = 10) -> None:

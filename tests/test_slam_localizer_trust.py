@@ -226,7 +226,15 @@ def _doubled(slam_map: SlamMap) -> SlamMap:
     return SlamMap.from_arrays(joined)
 
 
-_WHOLE = ("camera", "descriptor_kind", "place_vocabulary", "trajectory", "trajectory_stamp_s", "trajectory_session")
+_WHOLE = (
+    "camera",
+    "readout_s",
+    "descriptor_kind",
+    "place_vocabulary",
+    "trajectory",
+    "trajectory_stamp_s",
+    "trajectory_session",
+)
 
 
 # ------------------------------------------------------------------------------------------------ whole story

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -10,10 +11,11 @@ from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
 from navcore.slam.depth_model import grid_shape
-from navcore.slam.keyframes import NO_LANDMARK, IntArray
+from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray
 from navcore.slam.map import MapBuilder
 from navcore.slam.map_uncertainty import with_covariances
 from navcore.slam.place_recognition import PlaceIndex
+from navcore.slam.rolling_shutter import sorted_anew
 from navcore.slam.slam_map import Int64Array, SlamMap, assembled
 
 
@@ -37,9 +39,10 @@ def freeze(
     new_landmark[living] = np.arange(len(living), dtype=np.int32)
     new_keyframe = np.full(len(builder.keyframes) + 1, -1, np.int32)
     new_keyframe[alive] = np.arange(len(alive), dtype=np.int32)
-    features = [builder.keyframes[k].features for k in alive.tolist()]
+    features, orders = zip(*(_in_cells(builder, k) for k in alive.tolist()), strict=True)
     lengths = [len(f) for f in features]
     arrays: dict[str, NDArray[Any]] = {
+        "readout_s": np.array([builder.readout.seconds]),
         "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
         "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
         "keyframe_depth": _depth_grids(builder, alive),
@@ -53,7 +56,7 @@ def freeze(
         "feature_angle_rad": np.concatenate([f.angle_rad for f in features]).astype(np.float32),
         "feature_descriptor": np.concatenate([f.descriptors for f in features]),
         "feature_landmark": new_landmark[
-            np.concatenate([builder.landmark_of[k, :n] for k, n in zip(alive.tolist(), lengths, strict=True)])
+            np.concatenate([builder.landmark_of[k][order] for k, order in zip(alive.tolist(), orders, strict=True)])
         ],
         "positions": builder.positions[living],
         "normals": builder.normals[living],
@@ -67,6 +70,13 @@ def freeze(
     for k, feature in zip(alive.tolist(), features, strict=True):
         index.add(int(new_keyframe[k]), feature.descriptors)
     return with_covariances(assembled(builder.camera, index, arrays))
+
+
+def _in_cells(builder: MapBuilder, keyframe: int) -> tuple[Features, NDArray[np.int64]]:
+    """Return a key frame's features as they are stored, by cells, and their order (n,): the readout has moved them."""
+    features = builder.keyframes[keyframe].features
+    stored = features.uvr_px.astype(np.float32).astype(np.float64)
+    return sorted_anew(replace(features, uvr_px=stored), builder.camera)
 
 
 def _depth_grids(builder: MapBuilder, alive: Int64Array) -> NDArray[np.uint16]:

@@ -27,6 +27,8 @@ DESCRIPTOR_BYTES = 32
 INV_SIGMA2: FloatArray = np.power(SCALE_FACTOR, -2.0 * np.arange(LEVEL_COUNT, dtype=np.float64))
 """1/σ² (LEVEL_COUNT,) of an image coordinate found at each pyramid level, 1/px²; σ is one pixel of that level."""
 INV_SIGMA2.setflags(write=False)
+MAX_READOUT_S = 0.05
+"""No camera that takes 20 or more pictures a second needs longer from its first row to its last."""
 NO_LANDMARK = -1
 """Stands in ``landmark_of`` where a feature shows no landmark."""
 
@@ -81,6 +83,9 @@ class Features:
     """(rows · columns + 1,): features of cell c are ``cell_start[c]`` up to ``cell_start[c + 1]``; cells of CELL_PX."""
     cell_columns: int
     """Columns of the grid."""
+    rolled_uvr_px: FloatArray | None = None
+    """(n, 3): u, v, u_r as they were seen, row by row, before the camera's movement during the readout was taken out;
+    None where it was not, or is not known any more."""
 
     def __len__(self) -> int:
         return len(self.octave)
@@ -112,3 +117,5 @@ class KeyFrame:
     features: Features
     session: int = 0
     """The recording that it comes from; stamps are only comparable within one."""
+    velocity: FloatArray | None = None
+    """(6,): twist per second while the picture was taken, see :mod:`navcore.slam.rolling_shutter`; None if unknown."""

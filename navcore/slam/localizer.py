@@ -44,6 +44,7 @@ from navcore.slam.pose_uncertainty import (
     with_ambiguity,
 )
 from navcore.slam.relocalization import is_same_place, proposals
+from navcore.slam.rolling_shutter import sorted_anew, unrolled
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -52,8 +53,10 @@ from navcore.slam.tracking import (
     local_keyframes,
     local_landmarks,
     predict_pose,
+    seen_again,
     steadied,
     track_last_frame,
+    velocity_of,
 )
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
 
@@ -81,6 +84,8 @@ NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
 TURN_LEVER_M = 2.0
 """When the nearest key frame is looked for, one that looks to the side counts as so much farther away."""
+MIN_READOUT_S = 1e-3
+"""A picture that is read in less is taken as it is: fast turns bend it by less than a corner is uncertain."""
 MISFIT_MEMORY = 0.8
 """Weight of earlier frames in the running mean of the variance factor."""
 
@@ -92,6 +97,7 @@ class Localizer:
         self._settings = settings
         camera = SlamCamera.of(intrinsics, slam_map.camera.bf_px_m)
         self._map = replace(slam_map, camera=camera)
+        self._readout_s = float(slam_map.readout_s[0])
         count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
         self._extractor = FeatureExtractor(intrinsics, camera, count)
         poses = slam_map.camera_from_world
@@ -112,13 +118,33 @@ class Localizer:
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
-        features = self._extractor.extract(frame)
+        features = self._unrolled_as_expected(self._extractor.extract(frame))
         if self._aid is not None:
             known = self._state
             self._aid.look(frame, *((None, None) if known is None else (known.last, known.before_last)))
         state = self._follow(self._state, frame, features) if self._state is not None else None
         self._state = state or self._find(frame, features)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
+
+    # ------------------------------------------------------------------------------------------- rolling shutter
+    def _unrolled_as_expected(self, features: Features) -> Features:
+        """Return features as a camera that reads all rows at once would see them, if it kept its velocity."""
+        if self._state is None or abs(self._readout_s) < MIN_READOUT_S:
+            return features
+        velocity = velocity_of(self._state.last, self._state.before_last)
+        return sorted_anew(unrolled(features, velocity, self._readout_s, self._map.camera), self._map.camera)[0]
+
+    def _unrolled_as_found(self, state: LocalizerState, match: MapMatch) -> MapMatch:
+        """Return a match of the front view unrolled with the velocity that its pose tells, its pose refined by it.
+
+        Where other evidence has part in the pose, it stays as it is.
+        """
+        track = match.track
+        if abs(self._readout_s) < MIN_READOUT_S or match.fisheye is not None or track.inlier_count < STEADY_COUNT:
+            return match
+        velocity = velocity_of(track, state.last)
+        features = unrolled(track.features, velocity, self._readout_s, self._map.camera)
+        return replace(match, track=seen_again(self._map, track, features))
 
     # ------------------------------------------------------------------------------------------- following
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
@@ -136,7 +162,7 @@ class Localizer:
                 continue
             matched = self._match_map(state, track, frame, radius_factor)
             if matched is not None and matched.is_convincing:
-                return self._with_map(state, track, matched, frame)
+                return self._with_map(state, track, self._unrolled_as_found(state, matched), frame)
             if matched is not None and track is followed and matched.is_plausible_after(track):
                 # It keeps what is known, but does not make a doubtful pose a sure one.
                 return self._matched(state, matched, frame, state.confirmations)

@@ -8,7 +8,7 @@ never reused; what is culled is marked in ``keyframe_alive`` and ``landmark_aliv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +28,7 @@ from navcore.slam.keyframes import (
     KeyFrame,
     SlamCamera,
 )
+from navcore.slam.rolling_shutter import ReadoutTime, unrolled
 
 BoolArray = NDArray[np.bool_]
 
@@ -69,6 +70,8 @@ class MapBuilder:
         """Depth grids (rows, columns) of key frames, see :class:`navcore.slam.depth_model.DepthModel`."""
         self.depth_carried: set[int] = set()
         """Key frames whose poses rest on depth more than on landmarks."""
+        self.readout = ReadoutTime()
+        """How long the camera takes to read a picture, as far as is known."""
         self._feature_capacity = features_per_frame
         self._camera_from_world = np.zeros((0, 4, 4))
         self._landmark_of: IntArray = np.zeros((0, features_per_frame), np.int32)
@@ -124,6 +127,25 @@ class MapBuilder:
         others, _ = self.covisible(index, 1)
         self._parent[index] = others[0] if len(others) else self._last_alive_before(index)
         return index
+
+    def unroll(self, index: int, velocity: FloatArray | None = None) -> None:
+        """Take the camera's movement during the readout out of a key frame's features, as it is known now.
+
+        ``velocity`` is the twist per second (6,) while the picture was taken, the one known before where None.
+        """
+        held = self.keyframes[index]
+        known = held.velocity if velocity is None else velocity
+        if known is not None:
+            features = unrolled(held.features, known, self.readout.seconds, self.camera)
+            self.keyframes[index] = replace(held, features=features, velocity=known)
+
+    def refine_readout(self, step_s: float, information: float) -> None:
+        """Take in by how much longer the readout of a picture takes than was thought, and unroll all key frames so."""
+        before = self.readout.seconds
+        self.readout = self.readout.refined(step_s, information)
+        if abs(self.readout.seconds - before) > 1e-5:
+            for index in np.flatnonzero(self.keyframe_alive).tolist():
+                self.unroll(index)
 
     def _last_alive_before(self, index: int) -> int:
         alive = np.flatnonzero(self._keyframe_alive[:index])
@@ -398,13 +420,17 @@ class MapBuilder:
 
     def _make_room(self, width: int) -> None:
         if width > self._observers.shape[1]:
-            wider = np.zeros((len(self._observers), 2 * width, 2), np.int32)
-            wider[:, : self._observers.shape[1]] = self._observers
+            # Few landmarks are seen by many: their rows make all others longer, so the table widens in small steps.
+            wider = np.zeros((len(self._observers), width + width // 4, 2), np.int32)
+            count = self._landmark_count
+            wider[:count, : self._observers.shape[1]] = self._observers[:count]
             self._observers = wider
 
 
 def _grown(array: NDArray[np.generic], capacity: int, fill: float) -> NDArray:  # type: ignore[type-arg]
-    grown = np.full((capacity, *array.shape[1:]), fill, dtype=array.dtype)
+    # Memory that is zero from the start is taken only where something is written.
+    shape = (capacity, *array.shape[1:])
+    grown = np.full(shape, fill, array.dtype) if fill else np.zeros(shape, array.dtype)
     grown[: len(array)] = array
     return grown
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.errors import SiteError
-from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT
+from navcore.slam.keyframes import DESCRIPTOR_BYTES, LEVEL_COUNT, MAX_READOUT_S
 from navcore.slam.pattern import comparison_pattern
 
 Arrays = Mapping[str, NDArray[Any]]
@@ -37,6 +37,7 @@ _ORTHONORMAL = 1e-4
 
 SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
     "camera": (np.float64, (7,)),
+    "readout_s": (np.float64, (1,)),
     "keyframe_stamp_s": (np.float64, ("K",)),
     "keyframe_session": (np.int32, ("K",)),
     "keyframe_depth": (np.uint16, ("K", "R", "C")),
@@ -69,8 +70,8 @@ PLACE_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
 """The same of the index of places; what its words mean is checked where it is read."""
 _SINCE_SECOND_SCHEMA = {"keyframe_session": "keyframe_stamp_s", "trajectory_session": "trajectory_stamp_s"}
 _FINITE = (
-    "camera", "keyframe_stamp_s", "camera_from_world", "keyframe_covariance", "feature_angle_rad", "positions",
-    "normals", "reach", "trajectory_stamp_s", "trajectory",
+    "camera", "readout_s", "keyframe_stamp_s", "camera_from_world", "keyframe_covariance", "feature_angle_rad",
+    "positions", "normals", "reach", "trajectory_stamp_s", "trajectory",
 )  # fmt: skip
 
 
@@ -115,7 +116,8 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
     """Return the arrays of an older schema with what it lacks.
 
     Maps of the first were made of one recording and do not say so, and their key frames kept no depth; those of the
-    second do not say how far they can be wrong, which all zeros stand for.
+    second do not say how far they can be wrong, which all zeros stand for; nor did early
+    ones of the third say how long the camera reads a picture.
     """
     missing: dict[str, NDArray[Any]] = {
         name: np.zeros(len(arrays[like]), np.int32)
@@ -126,6 +128,7 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
         count = len(arrays["keyframe_stamp_s"])
         missing["keyframe_depth"] = np.zeros((count, 1, 1), np.uint16)
         missing["keyframe_covariance"] = np.zeros((count, 6, 6))
+    missing["readout_s"] = np.zeros(1)
     return {**missing, **arrays}
 
 
@@ -184,6 +187,8 @@ def _check_geometry(arrays: dict[str, NDArray[Any]]) -> None:
     width_px, height_px, fx_px, fy_px, _, _, bf_px_m = arrays["camera"]
     if not (8 <= width_px <= 20_000 and 8 <= height_px <= 20_000 and min(fx_px, fy_px, bf_px_m) > 0):
         raise damaged("its camera cannot exist")
+    if abs(arrays["readout_s"][0]) > MAX_READOUT_S:
+        raise damaged("its camera reads a picture for longer than any does")
     for name in ("camera_from_world", "trajectory"):
         if not _are_rigid(arrays[name]):
             raise damaged(f"{name} holds something that is no pose")

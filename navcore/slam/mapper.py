@@ -26,6 +26,7 @@ from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.relocalization import relocalize
+from navcore.slam.rolling_shutter import sorted_anew, unrolled
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -33,8 +34,11 @@ from navcore.slam.tracking import (
     extend_by_map,
     local_keyframes,
     local_landmarks,
+    moved,
     predict_pose,
+    seen_again,
     track_last_frame,
+    velocity_of,
 )
 from navcore.types import CameraIntrinsics, Frame
 
@@ -105,6 +109,7 @@ class Mapper:
         self._carried: Carried | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
+        self._velocity = np.zeros(6)
         self._reference = -1
         self._most_tracked = 0
         self._last_keyframe_s = 0.0
@@ -177,6 +182,7 @@ class Mapper:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
         features = self._extractor.extract(frame)
         self.settle()
+        features = self._unrolled_as_expected(features)
         depth = DepthView(self.builder.camera, frame.depth_m)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features, depth)
@@ -190,6 +196,7 @@ class Mapper:
             self._before_last = None
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
+        track = self._unrolled_as_found(track)
         if self._is_keyframe_due(track):
             self._insert_keyframe(track, depth)
             camera_from_reference = np.eye(4)
@@ -199,12 +206,38 @@ class Mapper:
         self._before_last, self._last = (self._last if self._was_tracked() else None), track
         return True
 
+    def _unrolled_as_expected(self, features: Features) -> Features:
+        """Return features unrolled as if the camera kept its velocity, sorted by where they are then."""
+        camera = self.builder.camera
+        velocity = np.zeros(6) if self._last is None else velocity_of(self._last, self._before_last)
+        return sorted_anew(unrolled(features, velocity, self.builder.readout.seconds, camera), camera)[0]
+
+    def _unrolled_as_found(self, track: Track) -> Track:
+        """Return a track unrolled with the velocity that its pose tells, and its pose refined once more."""
+        last, camera = self._last, self.builder.camera
+        if last is None:
+            return track
+        self._velocity = velocity_of(track, last)
+        self._tell_first(last.stamp_s)
+        features = unrolled(track.features, self._velocity, self.builder.readout.seconds, camera)
+        return seen_again(self.builder, track, features)
+
+    def _tell_first(self, stamp_s: float) -> None:
+        """Tell a key frame that nothing led to how fast the camera was: what led from it to the next frame says it."""
+        newest = self.builder.keyframes[-1]
+        if newest.velocity is None and newest.stamp_s == stamp_s:
+            self.builder.unroll(newest.index, self._velocity)
+
     def settle(self) -> None:
         """Wait for local mapping; afterwards ``builder`` is at rest until the next frame."""
         settled = self._local.settle()
         if settled is None:
             return
-        self._last = self._track_of(settled.keyframe)
+        before, self._last = self._last, self._track_of(settled.keyframe)
+        if before is not None and self._before_last is not None:
+            # The map has moved the camera, not its velocity.
+            step = inverse_se3(before.camera_from_world) @ self._last.camera_from_world
+            self._before_last = moved(self._before_last, self._before_last.camera_from_world @ step)
         if settled.has_closed_loop:
             # The map has moved under the camera; its velocity is to be learned anew.
             self._before_last = None
@@ -358,6 +391,7 @@ class Mapper:
         self._depth.keep(index, depth)
         if track.inlier_count < MIN_TRACKED:
             self.builder.depth_carried.add(index)
+        self.builder.unroll(index, self._velocity)
         self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0
         self._local.begin(index)
 

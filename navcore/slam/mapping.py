@@ -14,12 +14,18 @@ from navcore.slam.bundle_adjustment import bundle_adjust
 from navcore.slam.keyframes import Features, IntArray
 from navcore.slam.map import BoolArray, MapBuilder, Observations
 from navcore.slam.matching import DISTANCE_STRICT, match_projected, project_landmarks
+from navcore.slam.readout_estimation import parameter_step
+from navcore.slam.rolling_shutter import unrolled
 from navcore.slam.tracking import SCALES
 
 MAX_LANDMARK_DEPTH_M = 6.0
 """Depth beyond which a sensor's noise makes no useful landmark."""
 LOCAL_ADJUSTMENT_KEYFRAMES = 30
 """Key frames that local bundle adjustment moves, at most."""
+READOUT_ROUNDS = 3
+"""Times that a local bundle adjustment is done, at most, while the readout time is being found."""
+READOUT_SETTLED_S = 5e-4
+"""A change of the readout time below this moves features by less than they are uncertain."""
 FIXED_KEYFRAMES = 100
 """Key frames that hold them in place, at most."""
 FINAL_DEPTH_FACTOR = 4.0
@@ -135,10 +141,17 @@ def _agrees(features: Features, match: IntArray, uvr: FloatArray) -> BoolArray:
 
 # -------------------------------------------------------------------------------------------------- adjustment
 def adjust_locally(builder: MapBuilder, keyframe: int, iterations: int = 10) -> None:
-    """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place."""
+    """Bundle-adjust the key frame, its covisible ones and all that they see; others that see it hold it in place.
+
+    While it says that the readout takes otherwise than was thought, the features move, and it is done again.
+    """
     neighbours, _ = builder.covisible(keyframe, 15)
     moving = np.concatenate([[keyframe], neighbours[: LOCAL_ADJUSTMENT_KEYFRAMES - 1]]).astype(np.int32)
-    adjust(builder, moving, iterations)
+    for _ in range(READOUT_ROUNDS):
+        before_s = builder.readout.seconds
+        adjust(builder, moving, iterations)
+        if abs(builder.readout.seconds - before_s) < READOUT_SETTLED_S:
+            break
 
 
 def adjust_all(builder: MapBuilder, iterations: int = 10) -> None:
@@ -181,6 +194,8 @@ def adjust(
     camera = builder.camera
     uvr_px = seen.uvr_px.copy()
     uvr_px[:, 2] = uvr_px[:, 0] - depth_factor * (uvr_px[:, 0] - uvr_px[:, 2])
+    keyframe_index = np.searchsorted(keyframes, seen.keyframe).astype(np.int32)
+    landmark_index = np.searchsorted(landmarks, seen.landmark).astype(np.int32)
     result = bundle_adjust(
         camera.fx_px,
         camera.fy_px,
@@ -190,17 +205,49 @@ def adjust(
         builder.camera_from_world[keyframes],
         fixed,
         builder.positions[landmarks],
-        np.searchsorted(keyframes, seen.keyframe).astype(np.int32),
-        np.searchsorted(landmarks, seen.landmark).astype(np.int32),
+        keyframe_index,
+        landmark_index,
         uvr_px,
         seen.inv_sigma2,
         iterations,
     )
     builder.camera_from_world[keyframes] = result.poses
     builder.positions[landmarks] = result.points
+    per_s = _per_second_of_readout(builder, seen)
+    per_s[:, 2] = per_s[:, 0] - depth_factor * (per_s[:, 0] - per_s[:, 2])
+    pinhole = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.bf_px_m * depth_factor])
+    step = parameter_step(
+        pinhole,
+        result.poses,
+        fixed,
+        result.points,
+        keyframe_index,
+        landmark_index,
+        uvr_px,
+        per_s,
+        seen.inv_sigma2,
+        result.inlier,
+    )
+    builder.refine_readout(*step)
     if drops:
         _drop(builder, seen, ~result.inlier, landmarks)
     builder.refresh_landmarks(landmarks)
+
+
+def _per_second_of_readout(builder: MapBuilder, seen: Observations) -> FloatArray:
+    """Return how observations (m, 3) change with the readout time, px/s; zero where the velocity is not known."""
+    per_s = np.zeros((len(seen.keyframe), 3))
+    for keyframe in np.unique(seen.keyframe).tolist():
+        held = builder.keyframes[keyframe]
+        if held.velocity is None:
+            continue
+        own = np.flatnonzero(seen.keyframe == keyframe)
+        longer, shorter = (
+            unrolled(held.features, held.velocity, builder.readout.seconds + half, builder.camera).uvr_px
+            for half in (0.5e-3, -0.5e-3)
+        )
+        per_s[own] = 1e3 * (longer - shorter)[seen.feature[own]]
+    return per_s
 
 
 def _drop(builder: MapBuilder, seen: Observations, wrong: BoolArray, landmarks: IntArray) -> None:

@@ -38,6 +38,8 @@ class SlamMap:
     """Key frames, landmarks, what sees what, and the index of places. Arrays are C-contiguous."""
 
     camera: SlamCamera
+    readout_s: FloatArray
+    """(1,): how long the camera that made it takes to read a picture, see :mod:`navcore.slam.rolling_shutter`."""
     keyframe_stamp_s: FloatArray
     """(K,)."""
     keyframe_session: IntArray

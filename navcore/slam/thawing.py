@@ -10,6 +10,7 @@ from navcore.slam.depth_model import grid_shape
 from navcore.slam.features import GRID_PX, sort_into_cells
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.map import MapBuilder
+from navcore.slam.rolling_shutter import ReadoutTime
 from navcore.slam.slam_map import SlamMap
 
 
@@ -22,6 +23,7 @@ def thaw(slam_map: SlamMap, features_per_frame: int = 0) -> MapBuilder:
     """
     most = int(np.diff(slam_map.feature_start).max())
     builder = MapBuilder(slam_map.camera, max(features_per_frame, most))
+    builder.readout = ReadoutTime(float(slam_map.readout_s[0]))
     graft(builder, slam_map, np.eye(4))
     builder.session = int(slam_map.keyframe_session[-1]) + 1
     return builder

@@ -27,6 +27,7 @@ from navcore.slam.keyframes import (
 from navcore.slam.lie import exp_se3, log_se3
 from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_projected, project_landmarks
 from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.rolling_shutter import velocity_between
 
 BoolArray = NDArray[np.bool_]
 
@@ -128,6 +129,13 @@ def predict_pose(last: Track, before_last: Track | None, stamp_s: float) -> Floa
     if 0.7 < ratio < 1.4:
         return np.asarray(step @ last.camera_from_world)
     return np.asarray(fraction_of_step(step, min(ratio, 3.0)) @ last.camera_from_world)
+
+
+def velocity_of(track: Track, before: Track | None) -> FloatArray:
+    """Return the twist per second (6,) that led to a frame from the one before; zero where it is not known."""
+    if before is None:
+        return np.zeros(6)
+    return velocity_between(before.camera_from_world, track.camera_from_world, track.stamp_s - before.stamp_s)
 
 
 def fraction_of_step(step: FloatArray, ratio: float) -> FloatArray:
@@ -437,6 +445,24 @@ def extend_by_map(
         view.landmark_settled[landmarks],
     )
     return found, np.concatenate([wanted, track.landmarks])
+
+
+def seen_again(view: MapView, track: Track, features: Features) -> Track:
+    """Return a track whose features have moved a little, its pose refined on the landmarks that it showed."""
+    shown = np.flatnonzero(track.landmark_of >= 0).astype(np.int32)
+    if len(shown) < MIN_FRAME_MATCHES:
+        return replace(track, features=features)
+    landmarks = track.landmark_of[shown]
+    return refined(
+        track.stamp_s,
+        features,
+        track.camera_from_world,
+        shown,
+        view.positions[landmarks],
+        landmarks,
+        view.camera,
+        settled=view.landmark_settled[landmarks],
+    ).track
 
 
 def steadied(view: MapView, matched: Track, known: PoseFactor) -> Track:

@@ -48,7 +48,16 @@ from navcore.planning.projection import arc_lengths_m
 from navcore.planning.road_joining import evenly_spaced
 from navcore.recording import open_recording, read_trajectory
 from navcore.settings import Settings
-from navcore.types import CameraIntrinsics, DepthImage, Frame, Guidance, Localization, LocalizationQuality, Route
+from navcore.types import (
+    Action,
+    CameraIntrinsics,
+    DepthImage,
+    Frame,
+    Guidance,
+    Localization,
+    LocalizationQuality,
+    Route,
+)
 from navcore.wire import SetDestination
 
 STAGES = ("scan", "memory", "guide", "cues")
@@ -173,13 +182,13 @@ def growth(walk: Walk, minutes: float) -> dict[str, object]:
     parts = DeviceParts(clock, camera, sonar, _Silent(), NoUplink(), lambda *_: localizer)
     agent = DeviceAgent(parts, DeviceState(Settings(), _graph(walk.route())), localizer)
     held = _Held.now()
-    begin_s, warm = clock.now_s(), False
+    begin_s, warm, walking = clock.now_s(), False, 0
     tracemalloc.start()
     while clock.now_s() - begin_s < 60.0 * minutes:
         if camera.index == len(walk.poses) - 1 or camera.number < 0:
             agent.submit(SetDestination("end"))
         sonar.echo(None)
-        agent.run_cycle()
+        walking += agent.run_cycle().guidance.action is Action.WALK
         agent.watchdog.check()
         if not warm and clock.now_s() - begin_s >= min(WARM_UP_S, 30.0 * minutes):
             held, warm = _Held.now(), True
@@ -187,6 +196,7 @@ def growth(walk: Walk, minutes: float) -> dict[str, object]:
     tracemalloc.stop()
     return {
         "minutes": minutes, "cycles": camera.number + 1, "walks": camera.number // len(walk.poses) + 1,
+        "walking_share": round(walking / (camera.number + 1), 3),
         "rss_mb": round(held.rss_mb, 1), "rss_mb_growth": round(gained.rss_mb - held.rss_mb, 2),
         "python_kb": round(held.python_kb, 1), "python_kb_growth": round(gained.python_kb - held.python_kb, 1),
         "objects": held.objects, "objects_growth": gained.objects - held.objects,

@@ -16,10 +16,11 @@ from device_agent.state import BlockedPlace, DeviceState, Effect, Happened, Noti
 from navcore.cues.texts import TEXTS
 from navcore.errors import PlanningError
 from navcore.planning.way_finding import WayFinder
-from navcore.types import Action, Pose2D, Reason, Route
+from navcore.types import Action, Pose2D, Reason, Route, TurnKind
 from navcore.wire import RouteChanged
 
 _BLOCKING = frozenset({Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE})
+_SEEKING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _NEAREST_BLOCK_M = 0.3
 _FARTHEST_BLOCK_M = 3.0
 
@@ -91,12 +92,20 @@ def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -
 
 # ----------------------------------------------------------------------------------------------- a blocked way
 def _is_blocked(state: DeviceState, now_s: float) -> bool:
-    """Whether the walker has stood before something for so long that another way is to be looked for."""
+    """Whether the walker has stood before something for so long that another way is to be looked for.
+
+    Turning to and fro for a way round gets twice the time, but is no going on for ever either.
+    """
     guidance = state.guidance
-    if guidance is None or guidance.action is not Action.STOP or guidance.reason not in _BLOCKING:
+    if guidance is None:
+        return False
+    stands = guidance.action is Action.STOP and guidance.reason in _BLOCKING
+    seeks = guidance.trace.turn in _SEEKING and guidance.reason is not Reason.POSE_LOST
+    if not (stands or seeks):
         return False
     planning, since_s = state.settings.planning, guidance.trace.stopped_since_s
-    if since_s is None or now_s - since_s < planning.blocked_hold_s:
+    hold_s = planning.blocked_hold_s if stands else 2.0 * planning.blocked_hold_s
+    if since_s is None or now_s - since_s < hold_s:
         return False
     # What blocked the other ways may be gone after a while.
     return state.told_blocked_s is None or now_s - state.told_blocked_s >= planning.blocked_memory_s

@@ -15,7 +15,7 @@ from navcore.angles import world_angle
 from navcore.planning import edits
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
-from navcore.types import Action, DecisionTrace, Guidance, Localization, Pose2D, Reason
+from navcore.types import Action, DecisionTrace, Guidance, Localization, Pose2D, Reason, TurnKind
 from navcore.wire import GraphRunning, PublishGraph, RouteChanged, SetDestination
 
 PLACES = {"a": (0.0, 0.0), "b": (10.0, 0.0), "c": (10.0, 6.0), "d": (0.0, 6.0)}
@@ -78,6 +78,15 @@ def test_a_blocked_way_is_waited_before_then_gone_round():
 def test_nobody_who_moves_is_held_for_blocked(action: Action):
     state = standing(leading(), action, Reason.OBSTACLE_DEPTH, 0.0)
     assert plan_if_needed(state, at(2.0), 10 * HOLD_S) == (state, ())
+
+
+@pytest.mark.parametrize("turn", [TurnKind.ASIDE, TurnKind.LOOK])
+def test_who_is_turned_to_and_fro_before_something_is_led_another_way_at_last(turn: TurnKind):
+    state = standing(leading(), Action.TURN, Reason.OK, 0.0, turn=turn, nearest_ahead_m=0.7)
+    assert plan_if_needed(state, at(2.0), 2 * HOLD_S - 0.1) == (state, ())
+    assert stops(plan_if_needed(state, at(2.0), 2 * HOLD_S)[0]) == ["a", "d", "c", "b"]
+    lost = standing(leading(), Action.TURN, Reason.POSE_LOST, 0.0, turn=turn)
+    assert plan_if_needed(lost, at(2.0), 10 * HOLD_S) == (lost, ()), "who looks round for a known place is not blocked"
 
 
 @pytest.mark.parametrize("reason", [Reason.POSE_LOST, Reason.PAUSED, Reason.DEPTH_INVALID, Reason.SENSOR_STALE])

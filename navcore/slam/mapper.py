@@ -9,14 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
-from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MIN_TRACKED, SPARSE_LANDMARKS, DepthCarrier
+from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MAX_BLIND_S, MIN_TRACKED, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor
 from navcore.slam.freezing import freeze
@@ -25,7 +25,10 @@ from navcore.slam.lie import inverse_se3
 from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
+from navcore.slam.map_evidence import evidence_for
+from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.relocalization import relocalize
+from navcore.slam.self_similarity import is_firm, is_sparse, leads_back
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -33,6 +36,7 @@ from navcore.slam.tracking import (
     extend_by_map,
     local_keyframes,
     local_landmarks,
+    match_last_frame,
     predict_pose,
     track_last_frame,
 )
@@ -42,8 +46,6 @@ MIN_START_POINTS = 100
 """Features with depth that the first frame needs."""
 MIN_TRACKED_FRAMES = 5
 """A map needs so many tracked frames."""
-MIN_BESIDE_DEPTH = 20
-"""Points of the last frame that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
 KEYFRAME_RATIO = 0.75
@@ -177,7 +179,7 @@ class Mapper:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
         features = self._extractor.extract(frame)
         self.settle()
-        depth = DepthView(self.builder.camera, frame.depth_m)
+        depth = DepthView(self.builder.camera, frame.depth_m, colour_rgb=frame.colour_rgb)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features, depth)
         if self._reference < 0:
@@ -279,33 +281,46 @@ class Mapper:
         self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
         if found is None and (self._carried is None or not self._carried.is_complete):
             found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+            if found is not None and not self._is_believable(stamp_s, found, depth):
+                found = None
             if found is not None:
                 self._carried = None
             elif self._carried is None:
                 return None
-        return self._track_by_map(stamp_s, features, depth, found)
+        return self._track_by_map(stamp_s, features, depth, guess, found)
+
+    def _is_believable(self, stamp_s: float, found: FrameMatch, depth: DepthView) -> bool:
+        """Tell whether a place that was found again is this one: after a while of being lost, it must convince.
+
+        One bare corridor's mouth looks like another's.
+        """
+        assert self._last is not None
+        if abs(stamp_s - self._last.stamp_s) <= MAX_BLIND_S or depth.depth_m is None:
+            return True
+        around = local_landmarks(self.builder, local_keyframes(self.builder, found.track.landmarks))
+        return evidence_for(self.builder, found.track, around, depth.depth_m).is_convincing
 
     def _track_by_map(
-        self, stamp_s: float, features: Features, depth: DepthView, found: FrameMatch | None
+        self, stamp_s: float, features: Features, depth: DepthView, guess: FloatArray, found: FrameMatch | None
     ) -> Track | None:
         """Look for the map's landmarks around a pose found by matches, by depth, or by both."""
-        matched_count = 0 if found is None else found.matched_count
         near = self._unmatched(stamp_s, features) if found is None else found.track
         found, expected = self._extended(near)
-        if found.landmark_count < SPARSE_LANDMARKS and self._carried is None:
-            self._carried = self._carry(stamp_s, depth, found.track.camera_from_world)
+        if self._carried is None and is_sparse(found.track):
+            self._carried = self._carried_beside(stamp_s, depth, guess, found.track)
             if self._carried is not None:
                 found, expected = self._extended(near)
+        carried = self._carried
+        is_fixed = carried is not None and carried.is_complete
+        if carried is None:
+            is_fixed = found.landmark_count >= MIN_TRACKED and is_firm(found.track.information)
+        elif not carried.is_complete:
+            distinct = self._distinct(near, found, carried)
+            is_fixed = distinct is not None
+            found = distinct or FrameMatch(self._unmatched(stamp_s, features), 0, 0)
         self.builder.visible[expected] += 1
         self.builder.found[found.track.landmarks] += 1
         is_seen = found.landmark_count >= MIN_TRACKED
-        carried = self._carried
-        is_fixed = is_seen or (
-            carried is not None
-            and (
-                carried.is_complete or (matched_count >= MIN_BESIDE_DEPTH and carried.is_completed_by(near.information))
-            )
-        )
         if not self._depth.note(stamp_s, is_fixed) or not (is_seen or carried is not None):
             return None
         if is_seen:
@@ -315,14 +330,38 @@ class Mapper:
             self._reference = carried.reference
         return found.track
 
-    def _extended(self, near: Track) -> tuple[FrameMatch, IntArray]:
+    def _carried_beside(self, stamp_s: float, depth: DepthView, guess: FloatArray, track: Track) -> Carried | None:
+        """Ask depth near where landmarks have placed a frame; along what it leaves open, the motion model goes on."""
+        carried = self._carry(stamp_s, depth, track.camera_from_world)
+        if carried is None or carried.is_complete:
+            return carried
+        return self._carry(stamp_s, depth, guess) or carried
+
+    def _distinct(self, near: Track, found: FrameMatch, carried: Carried) -> FrameMatch | None:
+        """Return the match, with the map or else with the last frame, that fixes what surfaces leave open."""
+        assert self._last is not None
+        last = self._last
+
+        def by_map(start: FloatArray, factor: PoseFactor) -> FrameMatch | None:
+            nothing = np.full(len(near.features), NO_LANDMARK, np.int32)
+            at = replace(near, camera_from_world=start, landmark_of=nothing, carried_points=None)
+            return self._extended(at, factor)[0]
+
+        def by_last(start: FloatArray, factor: PoseFactor) -> FrameMatch | None:
+            return match_last_frame(self.builder, last, near.features, near.stamp_s, start, factor)
+
+        if leads_back(found, carried, by_map):
+            return found
+        again = by_last(near.camera_from_world, carried.factor)
+        return again if again is not None and leads_back(again, carried, by_last) else None
+
+    def _extended(self, near: Track, factor: PoseFactor | None = None) -> tuple[FrameMatch, IntArray]:
         """Look for the local map's landmarks near where a frame is, weighing in what depth says where it was asked."""
         assert self._last is not None
         keyframes = local_keyframes(self.builder, near.landmarks if near.inlier_count >= 10 else self._last.landmarks)
-        factor = None
         if self._carried is not None:
             keyframes = np.union1d(keyframes, [self._carried.reference, self._reference]).astype(np.int32)
-            factor = self._carried.factor
+            factor = factor or self._carried.factor
         return extend_by_map(self.builder, near, local_landmarks(self.builder, keyframes), factor=factor)
 
     def _carry(self, stamp_s: float, depth: DepthView, guess: FloatArray) -> Carried | None:

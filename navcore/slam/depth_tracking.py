@@ -16,12 +16,11 @@ from navcore.geometry import FloatArray
 from navcore.slam.depth_alignment import LEVER_M, DepthAlignment, align_depth
 from navcore.slam.depth_kernels import GridArray
 from navcore.slam.depth_model import DepthModel, depth_grid, model_of_grid
-from navcore.slam.features import grey_of
 from navcore.slam.keyframes import ByteArray, SlamCamera
 from navcore.slam.lie import inverse_se3, log_so3
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.shading_alignment import ShadedView, align_shading, grey_grid
-from navcore.types import DepthImage, ImageRgb
+from navcore.types import DepthImage
 
 MIN_OVERLAP = 0.25
 """Share of the reference's surfaces that must be seen again."""
@@ -54,14 +53,14 @@ class DepthView:
         camera: SlamCamera,
         depth_m: DepthImage | None = None,
         grid: GridArray | None = None,
-        colour_rgb: ImageRgb | None = None,
+        image: ByteArray | None = None,
         grey: ByteArray | None = None,
     ) -> None:
         self._camera = camera
         self.depth_m = depth_m
         """(h, w), metres; None where only the grid is kept."""
         self._given = grid
-        self._colour_rgb = colour_rgb
+        self._image = image
         self._given_grey = grey
 
     @cached_property
@@ -83,7 +82,7 @@ class DepthView:
     @cached_property
     def grey(self) -> ByteArray | None:
         """(rows, columns): mean grey of the grid's cells, None where no picture belongs to the depth."""
-        return self._given_grey if self._colour_rgb is None else grey_grid(grey_of(self._colour_rgb), self._camera)
+        return self._given_grey if self._image is None else grey_grid(self._image, self._camera)
 
     @cached_property
     def shaded(self) -> ShadedView | None:

@@ -18,7 +18,7 @@ from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
 from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MAX_BLIND_S, MIN_TRACKED, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
-from navcore.slam.features import FeatureExtractor
+from navcore.slam.features import FeatureExtractor, grey_of
 from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
@@ -28,7 +28,7 @@ from navcore.slam.map import MapBuilder
 from navcore.slam.map_evidence import evidence_for
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.relocalization import relocalize
-from navcore.slam.self_similarity import is_firm, is_sparse, leads_back
+from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -177,9 +177,10 @@ class Mapper:
 
     def add(self, frame: Frame) -> bool:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
-        features = self._extractor.extract(frame)
+        image = grey_of(frame.colour_rgb)
+        features = self._extractor.extract_grey(image, frame.depth_m)
         self.settle()
-        depth = DepthView(self.builder.camera, frame.depth_m, colour_rgb=frame.colour_rgb)
+        depth = DepthView(self.builder.camera, frame.depth_m, image=image)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features, depth)
         if self._reference < 0:
@@ -187,7 +188,7 @@ class Mapper:
         return self._follow(frame.stamp_s, features, depth)
 
     def _follow(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
-        track = self._track(stamp_s, features, depth)
+        track = self._track(stamp_s, features, depth) or self._found_again(stamp_s, features, depth)
         if track is None:
             self._before_last = None
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
@@ -280,14 +281,24 @@ class Mapper:
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
         self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
         if found is None and (self._carried is None or not self._carried.is_complete):
-            found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
-            if found is not None and not self._is_believable(stamp_s, found, depth):
-                found = None
+            found = self._relocalized(stamp_s, features, depth)
             if found is not None:
                 self._carried = None
             elif self._carried is None:
                 return None
         return self._track_by_map(stamp_s, features, depth, guess, found)
+
+    def _found_again(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
+        """Look for a frame that could not be followed around the latest key frames."""
+        found = self._relocalized(stamp_s, features, depth)
+        self._carried = None
+        if found is None:
+            return None
+        return self._track_by_map(stamp_s, features, depth, found.track.camera_from_world, found)
+
+    def _relocalized(self, stamp_s: float, features: Features, depth: DepthView) -> FrameMatch | None:
+        found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+        return found if found is not None and self._is_believable(stamp_s, found, depth) else None
 
     def _is_believable(self, stamp_s: float, found: FrameMatch, depth: DepthView) -> bool:
         """Tell whether a place that was found again is this one: after a while of being lost, it must convince.
@@ -350,10 +361,10 @@ class Mapper:
         def by_last(start: FloatArray, factor: PoseFactor) -> FrameMatch | None:
             return match_last_frame(self.builder, last, near.features, near.stamp_s, start, factor)
 
-        if leads_back(found, carried, by_map):
+        if undisputed(found, carried, by_map):
             return found
         again = by_last(near.camera_from_world, carried.factor)
-        return again if again is not None and leads_back(again, carried, by_last) else None
+        return again if again is not None and undisputed(again, carried, by_last) else None
 
     def _extended(self, near: Track, factor: PoseFactor | None = None) -> tuple[FrameMatch, IntArray]:
         """Look for the local map's landmarks near where a frame is, weighing in what depth says where it was asked."""

@@ -35,8 +35,8 @@ def _triple(rows: FloatArray, i: int) -> Point:
 
 
 @kernel
-def _chi2(pose: FloatArray, x: Point, o: Point, s: Point, w: float, camera: Camera) -> float:
-    """Weighted squared error of one observation, without that along its slide s; infinite behind the camera."""
+def _chi2(pose: FloatArray, x: Point, o: Point, w: float, camera: Camera) -> float:
+    """Weighted squared error of one observation; infinite behind the camera."""
     pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
     if pz < MIN_DEPTH_M:
         return np.inf
@@ -46,12 +46,26 @@ def _chi2(pose: FloatArray, x: Point, o: Point, s: Point, w: float, camera: Came
     e0 = u - o[0]
     e1 = camera[1] * py / pz + camera[3] - o[1]
     total = e0 * e0 + e1 * e1
-    along = s[0] * e0 + s[1] * e1
     if not math.isnan(o[2]):
         e2 = u - camera[4] / pz - o[2]
         total += e2 * e2
-        along += s[2] * e2
-    return float((total - along * along) * w)
+    return float(total * w)
+
+
+@kernel
+def _chi2_across(pose: FloatArray, x: Point, o: Point, s: Point, w: float, camera: Camera) -> float:
+    """Weighted squared error of one observation, but for that along its slide s; infinite behind the camera."""
+    chi2 = _chi2(pose, x, o, w, camera)
+    if (s[0] == 0.0 and s[1] == 0.0) or math.isinf(chi2):
+        return chi2
+    pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
+    px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
+    py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
+    u = camera[0] * px / pz + camera[2]
+    along = s[0] * (u - o[0]) + s[1] * (camera[1] * py / pz + camera[3] - o[1])
+    if not math.isnan(o[2]):
+        along += s[2] * (u - camera[4] / pz - o[2])
+    return float(chi2 - w * along * along)
 
 
 @kernel
@@ -73,7 +87,9 @@ def _robust_cost(
         if not used[i]:
             continue
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-        chi2 = _chi2(pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera)
+        chi2 = _chi2_across(
+            pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera
+        )
         if math.isinf(chi2):
             chi2 = 1e6
         if robust and chi2 > limit:
@@ -114,8 +130,6 @@ def _linearize(pose: FloatArray, x: Point, o: Point, camera: Camera, e: FloatArr
 @kernel
 def _hold_back(s: Point, rows: int, e: FloatArray, j: FloatArray) -> None:
     """Take out of error e (3,) and Jacobian j (3, 6) what lies along a slide."""
-    if s[0] == 0.0 and s[1] == 0.0:
-        return
     along = 0.0
     for r in range(rows):
         along += s[r] * e[r]
@@ -169,7 +183,8 @@ def _normal_equations(
     for i in range(len(points)):
         if used[i]:
             rows = _linearize(pose, _triple(points, i), _triple(observations, i), camera, e, j)
-            _hold_back(_triple(slides, i), rows, e, j)
+            if slides[i, 0] != 0.0 or slides[i, 1] != 0.0:
+                _hold_back(_triple(slides, i), rows, e, j)
             _add_rows(e, j, rows, inv_sigma2[i], robust, h, g)
     for k in range(6):
         for m in range(k):
@@ -293,7 +308,7 @@ def _reclassify(
     for i in range(len(points)):
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
         inside = (
-            _chi2(pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera)
+            _chi2_across(pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera)
             <= limit
         )
         changed = changed or inside != used[i]
@@ -331,3 +346,21 @@ def refine(
     g = np.zeros(6)
     _normal_equations(pose, points, observations, slides, inv_sigma2, used, False, camera, mean, information, h, g)
     return pose, used, h
+
+
+@kernel
+def has_slid(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    slides: FloatArray,
+    inv_sigma2: FloatArray,
+    camera: Camera,
+) -> BoolArray:
+    """Return which observations (n,) lie on an edge, but elsewhere on it than a pose (4, 4) puts their points."""
+    away = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        if slides[i, 0] != 0.0 or slides[i, 1] != 0.0:
+            limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
+            away[i] = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera) > limit
+    return away

@@ -23,9 +23,9 @@ FIRM_SIGMA_M = 0.05
 """A position is fixed where its standard deviation is less than this in every direction, motion model aside."""
 BESIDE_M = 0.2
 """From so far beside, on both sides, a pose is looked for."""
-LED_BACK_M = 0.05
-"""It is the same pose when it ends so near."""
-RIVAL_SHARE = 0.6
+SAME_M = 0.1
+"""Poses nearer to each other than this, along what is open, are the same."""
+RIVAL_SHARE = 0.8
 """With this share of the matches, of all and of those that are no edges, another place is as good."""
 
 Search = Callable[[FloatArray, PoseFactor], FrameMatch | None]
@@ -43,24 +43,25 @@ def is_sparse(track: Track) -> bool:
     return track.features.count_distinct(seen) < SPARSE_LANDMARKS or not is_firm(track.information)
 
 
-def leads_back(found: FrameMatch, carried: Carried, search: Search) -> bool:
-    """Tell whether a match fixes what surfaces leave open, and is found again from beside."""
+def undisputed(found: FrameMatch, carried: Carried, search: Search) -> bool:
+    """Tell whether a match fixes what surfaces leave open, and has no rival beside it."""
     track = found.track
     if not is_firm(track.information - carried.motion_information):
         return False
     said = PoseFactor(carried.factor.camera_from_world, carried.alignment.information)
-    for direction in carried.alignment.free_directions:
+    free = carried.alignment.free_directions
+    for direction in free:
         for side in (-BESIDE_M, BESIDE_M):
-            again = search(moved_by(track.camera_from_world, side * direction), said)
-            if again is None:
-                continue
-            shift = factor_error(again.track.camera_from_world, track.camera_from_world) / SCALE
-            if abs(float(shift @ direction)) > LED_BACK_M and _is_rival(again, found):
+            other = search(moved_by(track.camera_from_world, side * direction), said)
+            if other is not None and _is_rival(other, found, free):
                 return False
     return True
 
 
-def _is_rival(other: FrameMatch, found: FrameMatch) -> bool:
+def _is_rival(other: FrameMatch, found: FrameMatch, free: FloatArray) -> bool:
+    shift = factor_error(other.track.camera_from_world, found.track.camera_from_world) / SCALE
+    if float(np.abs(free @ shift).max()) <= SAME_M:
+        return False
     return other.matched_count >= RIVAL_SHARE * found.matched_count and other.distinct_count >= (
         RIVAL_SHARE * found.distinct_count
     )

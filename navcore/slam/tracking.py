@@ -27,7 +27,7 @@ from navcore.slam.keyframes import (
 from navcore.slam.lie import exp_se3, log_se3
 from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_projected, project_landmarks
 from navcore.slam.pose_factor import PoseFactor
-from navcore.slam.pose_kernels import CHI2_DEPTH
+from navcore.slam.pose_kernels import has_slid
 
 BoolArray = NDArray[np.bool_]
 
@@ -258,10 +258,14 @@ def _has_slid(
     slides = features.slides_at(feature_index)
     if slides is None:
         return np.zeros(len(feature_index), np.bool_)
-    slid: BoolArray = (slides[:, 0] != 0.0) | (slides[:, 1] != 0.0)
-    at = np.flatnonzero(slid)
-    slid[at] = ~agrees(camera_from_world, points[at], features, feature_index[at], camera, CHI2_DEPTH)
-    return slid
+    return has_slid(
+        camera_from_world,
+        np.ascontiguousarray(points),
+        features.uvr_px[feature_index],
+        slides,
+        features.inv_sigma2[feature_index],
+        (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.bf_px_m),
+    )
 
 
 def agrees(
@@ -270,13 +274,12 @@ def agrees(
     features: Features,
     feature_index: IntArray,
     camera: SlamCamera,
-    max_chi2: float = AGREEING_CHI2,
 ) -> BoolArray:
     """Return whether each point (m, 3) is seen near where a pose (4, 4) puts it, also in depth."""
     expected = project_points(camera_from_world, points, camera)
     error = (features.uvr_px[feature_index] - expected) ** 2
     chi2 = (error[:, 0] + error[:, 1] + np.nan_to_num(error[:, 2])) * features.inv_sigma2[feature_index]
-    return np.asarray(chi2 < max_chi2)
+    return np.asarray(chi2 < AGREEING_CHI2)
 
 
 def track_last_frame(

@@ -38,9 +38,12 @@ def is_firm(information: FloatArray) -> bool:
 
 
 def is_sparse(track: Track) -> bool:
-    """Tell whether few landmarks that are no edges place a frame, or leave a direction open."""
-    seen = np.flatnonzero(track.landmark_of >= 0).astype(np.int32)
-    return track.features.count_distinct(seen) < SPARSE_LANDMARKS or not is_firm(track.information)
+    """Tell whether few points that are no edges place a frame, or leave a direction open."""
+    seen = track.landmark_of >= 0
+    if track.carried_points is not None:
+        seen = seen | np.isfinite(track.carried_points[:, 2])
+    places = np.flatnonzero(seen).astype(np.int32)
+    return track.features.count_distinct(places) < SPARSE_LANDMARKS or not is_firm(track.information)
 
 
 def undisputed(found: FrameMatch, carried: Carried, search: Search) -> bool:

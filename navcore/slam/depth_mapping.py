@@ -39,9 +39,21 @@ class DepthCarrier:
             if depth.grey is not None:
                 self._builder.grey_grids[keyframe] = depth.grey
 
-    def carry(self, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool) -> Carried | None:
-        """Place a frame near a first guess (4, 4), ``step_s`` after the last one; None where depth does not tell."""
-        reference = self._reference_for(guess)
+    def carry(self, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool, last: int) -> Carried | None:
+        """Place a frame near a first guess (4, 4), ``step_s`` after the last one; None where depth does not tell.
+
+        The nearest key frame is asked, then that of the frame before, ``last``: where the map is bent, the nearest may
+        be one from before the bend.
+        """
+        nearest = self._reference_for(guess)
+        found = self._carry_by(nearest, depth, guess, step_s, was_lost)
+        if found is None and last != nearest and last in self._builder.depth_grids:
+            found = self._carry_by(last, depth, guess, step_s, was_lost)
+        return found
+
+    def _carry_by(
+        self, reference: int, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool
+    ) -> Carried | None:
         if reference < 0 or depth.grid.shape != self._shape:
             return None
         grey = self._builder.grey_grids.get(reference)

@@ -26,6 +26,7 @@ from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
 from navcore.slam.map_evidence import evidence_for
+from navcore.slam.pace import Pace
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.relocalization import relocalize
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
@@ -104,6 +105,8 @@ class Mapper:
         self._closer = LoopCloser(self.builder, max_drift=max_drift)
         self._local = LocalMapping(self.builder, self._closer, executor)
         self._depth = DepthCarrier(self.builder)
+        self._pace = Pace()
+        self._is_fixed = True
         self._carried: Carried | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
@@ -211,6 +214,7 @@ class Mapper:
         if settled.has_closed_loop:
             # The map has moved under the camera; its velocity is to be learned anew.
             self._before_last = None
+            self._pace.forget()
         self._count()
 
     def _count(self) -> None:
@@ -277,7 +281,7 @@ class Mapper:
 
     def _track(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
         assert self._last is not None
-        guess = predict_pose(self._last, self._before_last, stamp_s)
+        guess = self._predicted(stamp_s)
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
         self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
         if found is None and (self._carried is None or not self._carried.is_complete):
@@ -286,7 +290,15 @@ class Mapper:
                 self._carried = None
             elif self._carried is None:
                 return None
-        return self._track_by_map(stamp_s, features, depth, guess, found)
+        return self._track_by_map(stamp_s, features, depth, found)
+
+    def _predicted(self, stamp_s: float) -> FloatArray:
+        """Return where the motion model has a frame: steps that were not fixed by anything seen are not repeated."""
+        assert self._last is not None
+        guess = predict_pose(self._last, self._before_last, stamp_s)
+        if self._is_fixed:
+            return guess
+        return self._pace.carried_on(self._last.camera_from_world, stamp_s - self._last.stamp_s, guess[:3, :3])
 
     def _found_again(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
         """Look for a frame that could not be followed around the latest key frames."""
@@ -294,7 +306,7 @@ class Mapper:
         self._carried = None
         if found is None:
             return None
-        return self._track_by_map(stamp_s, features, depth, found.track.camera_from_world, found)
+        return self._track_by_map(stamp_s, features, depth, found)
 
     def _relocalized(self, stamp_s: float, features: Features, depth: DepthView) -> FrameMatch | None:
         found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
@@ -312,13 +324,13 @@ class Mapper:
         return evidence_for(self.builder, found.track, around, depth.depth_m).is_convincing
 
     def _track_by_map(
-        self, stamp_s: float, features: Features, depth: DepthView, guess: FloatArray, found: FrameMatch | None
+        self, stamp_s: float, features: Features, depth: DepthView, found: FrameMatch | None
     ) -> Track | None:
         """Look for the map's landmarks around a pose found by matches, by depth, or by both."""
         near = self._unmatched(stamp_s, features) if found is None else found.track
         found, expected = self._extended(near)
         if self._carried is None and is_sparse(found.track):
-            self._carried = self._carried_beside(stamp_s, depth, guess, found.track)
+            self._carried = self._carried_beside(stamp_s, depth, found.track)
             if self._carried is not None:
                 found, expected = self._extended(near)
         carried = self._carried
@@ -332,6 +344,9 @@ class Mapper:
         self.builder.visible[expected] += 1
         self.builder.found[found.track.landmarks] += 1
         is_seen = found.landmark_count >= MIN_TRACKED
+        self._is_fixed = is_fixed
+        if is_fixed:
+            self._pace.note(stamp_s, found.track.camera_from_world)
         if not self._depth.note(stamp_s, is_fixed) or not (is_seen or carried is not None):
             return None
         if is_seen:
@@ -341,12 +356,15 @@ class Mapper:
             self._reference = carried.reference
         return found.track
 
-    def _carried_beside(self, stamp_s: float, depth: DepthView, guess: FloatArray, track: Track) -> Carried | None:
+    def _carried_beside(self, stamp_s: float, depth: DepthView, track: Track) -> Carried | None:
         """Ask depth near where landmarks have placed a frame; along what it leaves open, the motion model goes on."""
         carried = self._carry(stamp_s, depth, track.camera_from_world)
         if carried is None or carried.is_complete:
             return carried
-        return self._carry(stamp_s, depth, guess) or carried
+        assert self._last is not None
+        since_s = stamp_s - self._last.stamp_s
+        at_pace = self._pace.carried_on(self._last.camera_from_world, since_s, carried.factor.camera_from_world[:3, :3])
+        return self._carry(stamp_s, depth, at_pace) or carried
 
     def _distinct(self, near: Track, found: FrameMatch, carried: Carried) -> FrameMatch | None:
         """Return the match, with the map or else with the last frame, that fixes what surfaces leave open."""
@@ -378,7 +396,7 @@ class Mapper:
     def _carry(self, stamp_s: float, depth: DepthView, guess: FloatArray) -> Carried | None:
         assert self._last is not None
         was_lost = not self.frame_poses or self.frame_poses[-1].reference < 0
-        return self._depth.carry(depth, guess, stamp_s - self._last.stamp_s, was_lost)
+        return self._depth.carry(depth, guess, stamp_s - self._last.stamp_s, was_lost, self._reference)
 
     def _unmatched(self, stamp_s: float, features: Features) -> Track:
         """Return the frame where depth has placed it, without landmarks yet."""

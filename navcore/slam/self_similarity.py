@@ -21,6 +21,9 @@ from navcore.slam.tracking import FrameMatch, Track
 
 FIRM_SIGMA_M = 0.05
 """A position is fixed where its standard deviation is less than this in every direction, motion model aside."""
+BESIDE_SIGMA_M = 0.02
+"""The same where surfaces leave a direction open: the directions of edges are not exact, and many of them together seem
+to tell that nobody moves."""
 BESIDE_M = 0.2
 """From so far beside, on both sides, a pose is looked for."""
 SAME_M = 0.1
@@ -49,7 +52,7 @@ def is_sparse(track: Track) -> bool:
 def undisputed(found: FrameMatch, carried: Carried, search: Search) -> bool:
     """Tell whether a match fixes what surfaces leave open, and has no rival beside it."""
     track = found.track
-    if not is_firm(track.information - carried.motion_information):
+    if position_sigma_m(track.information - carried.motion_information) > BESIDE_SIGMA_M:
         return False
     said = PoseFactor(carried.factor.camera_from_world, carried.alignment.information)
     free = carried.alignment.free_directions

@@ -28,6 +28,7 @@ from navcore.slam.map import MapBuilder
 from navcore.slam.map_evidence import evidence_for
 from navcore.slam.pace import Pace
 from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_uncertainty import is_reachable, is_walkable
 from navcore.slam.relocalization import relocalize
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
@@ -283,6 +284,8 @@ class Mapper:
         assert self._last is not None
         guess = self._predicted(stamp_s)
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
+        if found is not None and not is_walkable(self._last, found.track):
+            found = None
         self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
         if found is None and (self._carried is None or not self._carried.is_complete):
             found = self._relocalized(stamp_s, features, depth)
@@ -313,11 +316,13 @@ class Mapper:
         return found if found is not None and self._is_believable(stamp_s, found, depth) else None
 
     def _is_believable(self, stamp_s: float, found: FrameMatch, depth: DepthView) -> bool:
-        """Tell whether a place that was found again is this one: after a while of being lost, it must convince.
+        """Tell whether a place that was found again is this one: it can be reached, and after a while it must convince.
 
-        One bare corridor's mouth looks like another's.
+        Bare corridors look alike from lamp to lamp, and one's mouth like another's.
         """
         assert self._last is not None
+        if not is_reachable(self._last, found.track):
+            return False
         if abs(stamp_s - self._last.stamp_s) <= MAX_BLIND_S or depth.depth_m is None:
             return True
         around = local_landmarks(self.builder, local_keyframes(self.builder, found.track.landmarks))
@@ -330,7 +335,7 @@ class Mapper:
         near = self._unmatched(stamp_s, features) if found is None else found.track
         found, expected = self._extended(near)
         if self._carried is None and is_sparse(found.track):
-            self._carried = self._carried_beside(stamp_s, depth, found.track)
+            self._carried = self._carried_beside(stamp_s, depth, near, found.track)
             if self._carried is not None:
                 found, expected = self._extended(near)
         carried = self._carried
@@ -356,14 +361,16 @@ class Mapper:
             self._reference = carried.reference
         return found.track
 
-    def _carried_beside(self, stamp_s: float, depth: DepthView, track: Track) -> Carried | None:
+    def _carried_beside(self, stamp_s: float, depth: DepthView, near: Track, track: Track) -> Carried | None:
         """Ask depth near where landmarks have placed a frame; along what it leaves open, the motion model goes on."""
-        carried = self._carry(stamp_s, depth, track.camera_from_world)
-        if carried is None or carried.is_complete:
-            return carried
         assert self._last is not None
+        is_guide = is_firm(track.information) and is_walkable(self._last, track)
+        carried = self._carry(stamp_s, depth, (track if is_guide else near).camera_from_world)
+        if carried is not None and carried.is_complete:
+            return carried
         since_s = stamp_s - self._last.stamp_s
-        at_pace = self._pace.carried_on(self._last.camera_from_world, since_s, carried.factor.camera_from_world[:3, :3])
+        turned = near.camera_from_world if carried is None else carried.factor.camera_from_world
+        at_pace = self._pace.carried_on(self._last.camera_from_world, since_s, turned[:3, :3])
         return self._carry(stamp_s, depth, at_pace) or carried
 
     def _distinct(self, near: Track, found: FrameMatch, carried: Carried) -> FrameMatch | None:
@@ -424,7 +431,7 @@ class Mapper:
     def _insert_keyframe(self, track: Track, depth: DepthView) -> None:
         index = self.builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._depth.keep(index, depth)
-        if track.inlier_count < MIN_TRACKED:
+        if track.inlier_count < MIN_TRACKED or (self._carried is not None and is_sparse(track)):
             self.builder.depth_carried.add(index)
         self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0
         self._local.begin(index)

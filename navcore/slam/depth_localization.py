@@ -41,6 +41,8 @@ SURFACE_SIGMA_RAD = 0.004
 """Standard deviation, per axis, of what map and sensor err alike."""
 LOST_SIGMA_M = 1.0
 """Where the motion model alone fills a direction, the pose is given up beyond this standard deviation."""
+UNKNOWN_PACE_M_S = 1.0
+"""Standard deviation of a velocity of which nothing is known."""
 KEPT_POINTS_M = 0.02
 """Points that odometry follows are placed anew when the surfaces move the camera by more than this."""
 
@@ -72,22 +74,27 @@ class DepthAid:
         followed: Track | None,
         predicted: Track,
         covariance: FloatArray,
+        is_pace_known: bool,
     ) -> DepthPlace | None:
         """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
 
         ``before`` is the frame before, with its ``covariance`` (6, 6); ``followed`` is where odometry has this one,
-        ``predicted`` where the motion model has it.
+        ``predicted`` where the motion model has it, which knows the walker's pace or
+        not.
         """
         near = predicted if followed is None else followed
         step_s = near.stamp_s - before.stamp_s
         found = self.carried(seen, near.camera_from_world, step_s)
+        is_unguided = followed is None
+        if followed is not None and found is not None and not found.is_complete and is_sparse(followed):
+            # Between blank walls what odometry follows are edges, which say nothing of the way along them.
+            near, is_unguided = predicted, True
+            found = self.carried(seen, near.camera_from_world, step_s)
         if found is None:
             return None
-        # Between blank walls what odometry follows are edges, which say nothing of the way along them.
-        is_unguided = followed is None or (not found.is_complete and is_sparse(followed))
         expected = drifted(covariance, before, near)
         if is_unguided:
-            expected = _unguided(expected, step_s)
+            expected = _unguided(expected, step_s, MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S)
         prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
         said = found.alignment.factor(self._map.camera_from_world[found.reference])
         if _surprise(prior, said) > MAX_SURPRISE:
@@ -112,11 +119,11 @@ class DepthAid:
         return carry(reference, self._model[1], self._map.camera_from_world[reference], seen, guess, step_s, grey)
 
 
-def _unguided(covariance: FloatArray, step_s: float) -> FloatArray:
+def _unguided(covariance: FloatArray, step_s: float, sigma_m_s: float) -> FloatArray:
     """Return the covariance (6, 6) when only the motion model leads on: a wrong velocity stays wrong, so that the
     standard deviation, not the variance, grows with time."""
     grown = covariance.copy()
-    for part, sigma in ((slice(0, 3), MOTION_SIGMA_M_S * abs(step_s)), (slice(3, 6), MOTION_SIGMA_RAD_S * abs(step_s))):
+    for part, sigma in ((slice(0, 3), sigma_m_s * abs(step_s)), (slice(3, 6), MOTION_SIGMA_RAD_S * abs(step_s))):
         values, vectors = np.linalg.eigh(covariance[part, part])
         root = np.sqrt(np.maximum(values, 0.0))
         grown[part, part] += (vectors * (2.0 * sigma * root + sigma**2)) @ vectors.T

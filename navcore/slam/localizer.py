@@ -34,6 +34,7 @@ from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.localizer_state import CONFIRMATIONS, LocalizerState, MapMatch, RememberedCovisibility
 from navcore.slam.map_evidence import evidence_for
+from navcore.slam.pace import Pace
 from navcore.slam.pose import position_sigma_m
 from navcore.slam.pose_factor import PoseFactor, factor_error
 from navcore.slam.pose_uncertainty import (
@@ -106,6 +107,7 @@ class Localizer:
         self._covisibility = RememberedCovisibility(self._map)
         self._state: LocalizerState | None = None
         self._seen = DepthView(camera)
+        self._pace = Pace()
         self._depth = DepthAid(slam_map)
         self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
 
@@ -117,6 +119,7 @@ class Localizer:
     def reset(self) -> None:
         """Forget where the camera was."""
         self._state = None
+        self._pace.forget()
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
@@ -128,11 +131,14 @@ class Localizer:
             self._aid.look(frame, *((None, None) if known is None else (known.last, known.before_last)))
         state = self._follow(self._state, frame, features) if self._state is not None else None
         self._state = state or self._find(frame, features)
+        self._keep_pace(frame.stamp_s)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
 
     # ------------------------------------------------------------------------------------------- following
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
         guess = predict_pose(state.last, state.before_last, frame.stamp_s)
+        if state.matched_s != state.last.stamp_s:
+            guess = self._at_pace(state, frame.stamp_s, guess)
         moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
         if moved is not None and not is_walkable(state.last, moved.track):
             moved = None
@@ -156,6 +162,18 @@ class Localizer:
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
         return found or self._carried_on(state, moved, doubtful, predicted, frame)
 
+    def _at_pace(self, state: LocalizerState, stamp_s: float, guess: FloatArray) -> FloatArray:
+        """Return a guess (4, 4) with the position to which the walker's pace leads."""
+        return self._pace.carried_on(state.last.camera_from_world, stamp_s - state.last.stamp_s, guess[:3, :3])
+
+    def _keep_pace(self, stamp_s: float) -> None:
+        """Remember the walker's pace by frames that the map has matched, as long as they are of one piece."""
+        state = self._state
+        if state is None or (state.matched_s == stamp_s and state.confirmations == 1):
+            self._pace.forget()
+        if state is not None and state.matched_s == stamp_s:
+            self._pace.note(stamp_s, state.last.camera_from_world)
+
     def _carried_on(
         self,
         state: LocalizerState,
@@ -170,7 +188,11 @@ class Localizer:
         """
         if frame.stamp_s - state.matched_s <= MAX_ODOMETRY_S:
             followed = None if moved is None else moved.track
-            placed = self._depth.place(self._seen, state.last, followed, predicted, state.covariance)
+            at_pace = self._at_pace(state, frame.stamp_s, predicted.camera_from_world)
+            predicted = replace(predicted, camera_from_world=at_pace)
+            placed = self._depth.place(
+                self._seen, state.last, followed, predicted, state.covariance, self._pace.is_known
+            )
             if placed is not None:
                 return replace(
                     state,

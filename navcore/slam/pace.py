@@ -38,9 +38,14 @@ class Pace:
             self._centres.pop(0)
 
     @property
+    def is_known(self) -> bool:
+        """Whether enough is remembered to tell a velocity."""
+        return bool(self._stamps_s) and abs(self._stamps_s[-1] - self._stamps_s[0]) >= LEAST_S
+
+    @property
     def velocity_m_s(self) -> FloatArray:
         """(3,): in the world; zero where too little is known."""
-        if not self._stamps_s or abs(self._stamps_s[-1] - self._stamps_s[0]) < LEAST_S:
+        if not self.is_known:
             return np.zeros(3)
         stamps = np.array(self._stamps_s) - np.mean(self._stamps_s)
         velocity = stamps @ np.array(self._centres) / (stamps @ stamps)

@@ -78,8 +78,8 @@ def _pattern(which: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 def _light(points: np.ndarray) -> np.ndarray:
     """Lamps under the ceiling every 2.7 m, one brighter than the other."""
-    light = np.full(points.shape[:2], 0.55)
+    light = np.full(points.shape[:2], 0.4)
     for number in range(12):
         away2 = (points[..., 0] - 2.7 * number) ** 2 + points[..., 1] ** 2 + (points[..., 2] - 2.6) ** 2
-        light += (0.5 + 0.07 * (number % 3)) / (1.0 + away2)
+        light += (0.6 + 0.1 * (number % 3)) / (0.8 + away2)
     return light

@@ -46,9 +46,8 @@ def edge_directions(sums: SumArray, corners: IntArray) -> FloatArray:
             above, below = np.uintp(first - width), np.uintp(first + width)
             row_xx, row_xy, row_yy = np.int32(0), np.int32(0), np.int32(0)
             for k in range(np.uintp(2 * RADIUS_PX)):
-                # In quarters, so that the sums of a row fit.
-                gx = (np.int32(flat[right + k]) - np.int32(flat[left + k])) >> np.int32(2)
-                gy = (np.int32(flat[below + k]) - np.int32(flat[above + k])) >> np.int32(2)
+                gx = np.int32(flat[right + k]) - np.int32(flat[left + k])
+                gy = np.int32(flat[below + k]) - np.int32(flat[above + k])
                 row_xx = np.int32(row_xx + gx * gx)
                 row_xy = np.int32(row_xy + gx * gy)
                 row_yy = np.int32(row_yy + gy * gy)

@@ -192,7 +192,9 @@ class Mapper:
         return self._follow(frame.stamp_s, features, depth)
 
     def _follow(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
-        track = self._track(stamp_s, features, depth) or self._found_again(stamp_s, features, depth)
+        track = self._track(stamp_s, features, depth)
+        if track is None or not self._is_fixed:
+            track = self._found_again(stamp_s, features, depth, track)
         if track is None:
             self._before_last = None
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
@@ -303,13 +305,21 @@ class Mapper:
             return guess
         return self._pace.carried_on(self._last.camera_from_world, stamp_s - self._last.stamp_s, guess[:3, :3])
 
-    def _found_again(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
-        """Look for a frame that could not be followed around the latest key frames."""
+    def _found_again(
+        self, stamp_s: float, features: Features, depth: DepthView, carried_on: Track | None
+    ) -> Track | None:
+        """Look around the latest key frames for a frame that was not followed, or only ``carried_on``."""
         found = self._relocalized(stamp_s, features, depth)
-        self._carried = None
         if found is None:
-            return None
-        return self._track_by_map(stamp_s, features, depth, found)
+            return carried_on
+        before = self._carried, self._reference
+        self._carried = None
+        track = self._track_by_map(stamp_s, features, depth, found)
+        if track is not None and self._is_fixed:
+            return track
+        self._carried, self._reference = before
+        self._is_fixed = False
+        return carried_on
 
     def _relocalized(self, stamp_s: float, features: Features, depth: DepthView) -> FrameMatch | None:
         found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)

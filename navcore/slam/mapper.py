@@ -441,7 +441,9 @@ class Mapper:
     def _insert_keyframe(self, track: Track, depth: DepthView) -> None:
         index = self.builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._depth.keep(index, depth)
-        if track.inlier_count < MIN_TRACKED or (self._carried is not None and is_sparse(track)):
+        if track.inlier_count < MIN_TRACKED or (
+            self._carried is not None and self._carried.is_complete and is_sparse(track)
+        ):
             self.builder.depth_carried.add(index)
         self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0
         self._local.begin(index)

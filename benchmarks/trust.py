@@ -1,12 +1,12 @@
 """Whether localization knows what it does not know: simulated walks under hard conditions in the map of another walk.
 
-    python -m benchmarks.trust RECORDING [--walks 50] [--length 18] [--only dark] [--map FILE.npz]
+    python -m benchmarks.trust RECORDING [--floor office] [--walks 50] [--length 18] [--only dark] [--map FILE.npz]
 
-RECORDING is a simulated recording of the office floor with its ground truth (``vbr sim record``); its map is built, or
-read from FILE where that exists. Walks begin at a different place each, take the scenarios in turn, and are located
-frame by frame. The JSON tells for each scenario how often a pose was called Localized, Uncertain or Lost, the worst
-error of each, ``wrong_as_localized`` (poses called Localized more than 0.5 m from the truth; there must be none), and
-how often the covariance's 95 % ellipse holds the truth. Milliseconds are the thread's own CPU time.
+RECORDING is a simulated recording of a floor, the office by default, with its ground truth (``vbr sim record``); its
+map is built, or read from FILE where that exists. Walks begin at a different place each, take the scenarios in turn,
+and are located frame by frame. The JSON tells for each scenario how often a pose was called Localized, Uncertain or
+Lost, the worst error of each, ``wrong_as_localized`` (poses called Localized more than 0.5 m from the truth; there must
+be none), and how often the covariance's 95 % ellipse holds the truth. Milliseconds are the thread's own CPU time.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from device_agent.simulation.building import Building, renderer_of
-from device_agent.simulation.office_floor import office_floor
+from device_agent.simulation.floors import FLOORS
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.scenario import Scenario
 from device_agent.simulation.simulated_walk import simulated_walk
@@ -119,6 +119,7 @@ def main() -> int:
     """Run the walks; print the figures. The exit status tells whether a wrong pose was called Localized."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n", maxsplit=1)[0])
     parser.add_argument("source", type=Path, metavar="RECORDING")
+    parser.add_argument("--floor", choices=sorted(FLOORS), default="office", help="that was recorded")
     parser.add_argument("--walks", type=int, default=50)
     parser.add_argument("--first-seed", type=int, default=100)
     parser.add_argument("--length", type=float, default=18.0, help="metres of each walk")
@@ -129,7 +130,7 @@ def main() -> int:
     warm_up()
     recording = open_recording(arguments.source)
     slam_map = _aligned(_map_of(recording, arguments.map), recording)
-    building = office_floor()
+    building = FLOORS[arguments.floor]()
     renderer = renderer_of(building)
     names = [arguments.only] if arguments.only else list(SCENARIOS)
     tallies = {name: Tally() for name in names}

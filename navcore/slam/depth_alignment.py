@@ -16,7 +16,7 @@ from navcore.slam.depth_kernels import accumulate
 from navcore.slam.depth_model import DepthModel, depth_model
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import update_pose
-from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_factor import PoseFactor, factor_error
 
 GATES_M = (0.3, 0.15, 0.08, 0.08, 0.06, 0.06, 0.06, 0.06)
 """Distance up to which points count as the same surface at 0 m, by iteration; 10 % more for each metre of depth."""
@@ -32,6 +32,13 @@ PROBE_M = 0.04
 """How far beside the pose it is looked at."""
 MIN_CURVATURE_SHARE = 0.4
 """Share of the promised rise of χ² that must be seen there."""
+RETURN_SENSITIVITY = 0.02
+"""Below this, the alignment must also come back when it is begun beside the pose."""
+RETURN_FROM_M = 0.12
+"""How far beside."""
+RETURNED_M = 0.03
+"""It has come back when it ends so near to the pose; a fixed direction ends within a millimetre, an open one stays away
+by a decimetre or slides on."""
 CORRELATED_CELLS = 60.0
 """Errors of neighbouring cells are alike (smoothing, calibration, objects): so many count as one."""
 MIN_MATCHED = 150
@@ -81,8 +88,9 @@ class _Equations:
     known: int
 
 
-_SCALE: FloatArray = np.array([1.0, 1.0, 1.0, 1.0 / LEVER_M, 1.0 / LEVER_M, 1.0 / LEVER_M])
-_SCALE.setflags(write=False)
+SCALE: FloatArray = np.array([1.0, 1.0, 1.0, 1.0 / LEVER_M, 1.0 / LEVER_M, 1.0 / LEVER_M])
+SCALE.setflags(write=False)
+"""Twists of directions, whose rotations are times LEVER_M, to twists in radians."""
 
 
 def align_depth(reference: DepthModel, seen: DepthModel, camera_from_reference: FloatArray) -> DepthAlignment | None:
@@ -117,7 +125,7 @@ def _equations(reference: DepthModel, seen: DepthModel, pose: FloatArray, gate_m
     cost, chi2, squares, matched, contradicted, known = accumulate(
         reference.surface, seen.surface, pose, *seen.pinhole, gate_m, stride, h, g
     )
-    return _Equations(h * np.outer(_SCALE, _SCALE), g * _SCALE, cost, chi2, squares, matched, contradicted, known)
+    return _Equations(h * np.outer(SCALE, SCALE), g * SCALE, cost, chi2, squares, matched, contradicted, known)
 
 
 def _descend(
@@ -132,7 +140,7 @@ def _descend(
         if equations.matched * stride * stride < MIN_MATCHED:
             return None
         step = _step(equations, held)
-        pose = _moved(pose, step)
+        pose = moved_by(pose, step)
         if iteration > COARSE_ITERATIONS and float(np.abs(step).max()) < _STEP_DONE:
             break
     equations = _equations(reference, seen, pose, GATES_M[-1], 1)
@@ -145,9 +153,10 @@ def _step(equations: _Equations, held: FloatArray) -> FloatArray:
     return np.asarray(-held @ np.linalg.solve(damped, held @ equations.g))
 
 
-def _moved(pose: FloatArray, step: FloatArray) -> FloatArray:
+def moved_by(pose: FloatArray, step: FloatArray) -> FloatArray:
+    """Return a pose (4, 4) after a step (6,) along directions whose rotations are times LEVER_M."""
     out = np.empty((4, 4))
-    update_pose(pose, step * _SCALE, out)
+    update_pose(pose, step * SCALE, out)
     return out
 
 
@@ -165,12 +174,14 @@ def _trusted(
         share = 1.0
         if sensitivity < DOUBTFUL_SENSITIVITY:
             share = _curvature_share(reference, seen, pose, equations, vectors[:, k], values[k])
-        if share > MIN_CURVATURE_SHARE:
+        if share <= MIN_CURVATURE_SHARE:
+            continue
+        if sensitivity >= RETURN_SENSITIVITY or _returns(reference, seen, pose, vectors[:, k]):
             believed[k] = values[k] * min(share, 1.0)
     # Where surfaces disagree by more than the sensor's noise, something else is wrong, and it counts for less.
     excess = max(1.0, equations.cost / equations.matched)
     scaled = (vectors * believed) @ vectors.T / (CORRELATED_CELLS * excess)
-    return scaled / np.outer(_SCALE, _SCALE), vectors[:, believed == 0.0].T.copy()
+    return scaled / np.outer(SCALE, SCALE), vectors[:, believed == 0.0].T.copy()
 
 
 def _curvature_share(
@@ -187,11 +198,23 @@ def _curvature_share(
     """
     rise = 0.0
     for side in (-PROBE_M, PROBE_M):
-        beside = _equations(reference, seen, _moved(pose, side * direction), GATES_M[-1], 1)
+        beside = _equations(reference, seen, moved_by(pose, side * direction), GATES_M[-1], 1)
         if beside.matched < MIN_MATCHED:
             return 0.0
         rise += beside.chi2 / beside.matched - equations.chi2 / equations.matched
     return float(rise * equations.matched / (2.0 * value * PROBE_M**2))
+
+
+def _returns(reference: DepthModel, seen: DepthModel, pose: FloatArray, direction: FloatArray) -> bool:
+    """Tell whether the alignment comes back to a pose when it is begun on either side of it along a direction."""
+    for side in (-RETURN_FROM_M, RETURN_FROM_M):
+        again = _descend(reference, seen, moved_by(pose, side * direction), np.zeros((0, 6)))
+        if again is None:
+            return False
+        away = factor_error(again[0], pose) / SCALE
+        if abs(float(away @ direction)) > RETURNED_M:
+            return False
+    return True
 
 
 def warm_up() -> None:

@@ -22,13 +22,12 @@ from navcore.slam.depth_tracking import (
     carry,
     nearest_view,
 )
-from navcore.slam.keyframes import SlamCamera
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_factor import PoseFactor, factor_error, fused
 from navcore.slam.pose_uncertainty import drifted
+from navcore.slam.self_similarity import is_sparse
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track
-from navcore.types import DepthImage
 
 SURE_OVERLAP = 0.4
 """Share of a key frame's surfaces that must be seen again for the map to count as seen."""
@@ -42,6 +41,8 @@ SURFACE_SIGMA_RAD = 0.004
 """Standard deviation, per axis, of what map and sensor err alike."""
 LOST_SIGMA_M = 1.0
 """Where the motion model alone fills a direction, the pose is given up beyond this standard deviation."""
+UNKNOWN_PACE_M_S = 1.0
+"""Standard deviation of a velocity of which nothing is known."""
 KEPT_POINTS_M = 0.02
 """Points that odometry follows are placed anew when the surfaces move the camera by more than this."""
 
@@ -64,56 +65,65 @@ class DepthAid:
         self._map = slam_map
         self._usable: BoolArray = np.asarray(slam_map.keyframe_depth.any(axis=(1, 2)))
         self._model: tuple[int, DepthModel] | None = None
+        self._has_grey: BoolArray = np.asarray(slam_map.keyframe_grey.any(axis=(1, 2)))
 
     def place(
         self,
-        camera: SlamCamera,
-        depth_m: DepthImage,
+        seen: DepthView,
         before: Track,
         followed: Track | None,
         predicted: Track,
         covariance: FloatArray,
+        is_pace_known: bool,
     ) -> DepthPlace | None:
         """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
 
         ``before`` is the frame before, with its ``covariance`` (6, 6); ``followed`` is where odometry has this one,
-        ``predicted`` where the motion model has it.
+        ``predicted`` where the motion model has it, which knows the walker's pace or
+        not.
         """
         near = predicted if followed is None else followed
         step_s = near.stamp_s - before.stamp_s
-        expected = drifted(covariance, before, near)
-        if followed is None:
-            expected = _unguided(expected, step_s)
-        found = self._carried(DepthView(camera, depth_m), near.camera_from_world, step_s)
+        found = self.carried(seen, near.camera_from_world, step_s)
+        is_unguided = followed is None
+        if followed is not None and found is not None and not found.is_complete and is_sparse(followed):
+            # Between blank walls what odometry follows are edges, which say nothing of the way along them.
+            near, is_unguided = predicted, True
+            found = self.carried(seen, near.camera_from_world, step_s)
         if found is None:
             return None
+        expected = drifted(covariance, before, near)
+        if is_unguided:
+            expected = _unguided(expected, step_s, MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S)
         prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
         said = found.alignment.factor(self._map.camera_from_world[found.reference])
         if _surprise(prior, said) > MAX_SURPRISE:
             return None
         both = fused(prior, said)
         alignment, covariance = found.alignment, _covariance(both)
-        if followed is None and float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) > LOST_SIGMA_M**2:
+        if is_unguided and float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
         is_sure = (
             found.is_complete and alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
         )
         return DepthPlace(_moved(near, both), covariance, is_sure)
 
-    def _carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
+    def carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
+        """Return what the surfaces of the nearest key frame say of a frame near a first guess (4, 4)."""
         reference = nearest_view(self._map.camera_from_world, self._usable, guess)
         if reference < 0:
             return None
         if self._model is None or self._model[0] != reference:
             self._model = reference, model_of_grid(self._map.keyframe_depth[reference], self._map.camera)
-        return carry(reference, self._model[1], self._map.camera_from_world[reference], seen, guess, step_s)
+        grey = self._map.keyframe_grey[reference] if self._has_grey[reference] else None
+        return carry(reference, self._model[1], self._map.camera_from_world[reference], seen, guess, step_s, grey)
 
 
-def _unguided(covariance: FloatArray, step_s: float) -> FloatArray:
+def _unguided(covariance: FloatArray, step_s: float, sigma_m_s: float) -> FloatArray:
     """Return the covariance (6, 6) when only the motion model leads on: a wrong velocity stays wrong, so that the
     standard deviation, not the variance, grows with time."""
     grown = covariance.copy()
-    for part, sigma in ((slice(0, 3), MOTION_SIGMA_M_S * abs(step_s)), (slice(3, 6), MOTION_SIGMA_RAD_S * abs(step_s))):
+    for part, sigma in ((slice(0, 3), sigma_m_s * abs(step_s)), (slice(3, 6), MOTION_SIGMA_RAD_S * abs(step_s))):
         values, vectors = np.linalg.eigh(covariance[part, part])
         root = np.sqrt(np.maximum(values, 0.0))
         grown[part, part] += (vectors * (2.0 * sigma * root + sigma**2)) @ vectors.T

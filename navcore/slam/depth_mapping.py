@@ -11,7 +11,7 @@ from navcore.slam.map import MapBuilder
 
 MIN_TRACKED = 25
 """Landmarks that must agree for a frame to count as tracked by them."""
-SPARSE_LANDMARKS = 50
+SPARSE_LANDMARKS = 80
 """Fewer landmarks than this, and depth is asked as well."""
 KEYFRAME_OVERLAP = 0.6
 """A key frame is due when less than this share of the reference's surfaces is seen again, where depth carries."""
@@ -36,13 +36,30 @@ class DepthCarrier:
         """Let a key frame keep its depth grid."""
         if depth.grid.shape == self._shape:
             self._builder.depth_grids[keyframe] = depth.grid
+            if depth.grey is not None:
+                self._builder.grey_grids[keyframe] = depth.grey
 
-    def carry(self, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool) -> Carried | None:
-        """Place a frame near a first guess (4, 4), ``step_s`` after the last one; None where depth does not tell."""
-        reference = self._reference_for(guess)
+    def carry(self, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool, last: int) -> Carried | None:
+        """Place a frame near a first guess (4, 4), ``step_s`` after the last one; None where depth does not tell.
+
+        The nearest key frame is asked, then that of the frame before, ``last``: where the map is bent, the nearest may
+        be one from before the bend.
+        """
+        nearest = self._reference_for(guess)
+        found = self._carry_by(nearest, depth, guess, step_s, was_lost)
+        if found is None and last != nearest and last in self._builder.depth_grids:
+            found = self._carry_by(last, depth, guess, step_s, was_lost)
+        return found
+
+    def _carry_by(
+        self, reference: int, depth: DepthView, guess: FloatArray, step_s: float, was_lost: bool
+    ) -> Carried | None:
         if reference < 0 or depth.grid.shape != self._shape:
             return None
-        found = carry(reference, self._model_of(reference), self._builder.pose_of(reference), depth, guess, step_s)
+        grey = self._builder.grey_grids.get(reference)
+        found = carry(
+            reference, self._model_of(reference), self._builder.pose_of(reference), depth, guess, step_s, grey
+        )
         if found is None or not was_lost:
             return found
         if abs(step_s) > FOUND_AGAIN_S:

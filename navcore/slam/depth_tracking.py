@@ -6,7 +6,7 @@ that says so.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -16,9 +16,10 @@ from navcore.geometry import FloatArray
 from navcore.slam.depth_alignment import LEVER_M, DepthAlignment, align_depth
 from navcore.slam.depth_kernels import GridArray
 from navcore.slam.depth_model import DepthModel, depth_grid, model_of_grid
-from navcore.slam.keyframes import SlamCamera
+from navcore.slam.keyframes import ByteArray, SlamCamera
 from navcore.slam.lie import inverse_se3, log_so3
 from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.shading_alignment import ShadedView, align_shading, grey_grid
 from navcore.types import DepthImage
 
 MIN_OVERLAP = 0.25
@@ -47,17 +48,27 @@ BoolArray = NDArray[np.bool_]
 class DepthView:
     """The depth of one frame; its grid and surfaces are worked out when they are asked for, once."""
 
-    def __init__(self, camera: SlamCamera, depth_m: DepthImage | None = None, grid: GridArray | None = None) -> None:
+    def __init__(
+        self,
+        camera: SlamCamera,
+        depth_m: DepthImage | None = None,
+        grid: GridArray | None = None,
+        image: ByteArray | None = None,
+        grey: ByteArray | None = None,
+    ) -> None:
         self._camera = camera
-        self._depth_m = depth_m
+        self.depth_m = depth_m
+        """(h, w), metres; None where only the grid is kept."""
         self._given = grid
+        self._image = image
+        self._given_grey = grey
 
     @cached_property
     def grid(self) -> GridArray:
         """(rows, columns): see :class:`navcore.slam.depth_model.DepthModel`."""
-        if self._depth_m is None:
+        if self.depth_m is None:
             return np.zeros((1, 1), np.uint16) if self._given is None else self._given
-        return depth_grid(self._depth_m, self._camera)
+        return depth_grid(self.depth_m, self._camera)
 
     @cached_property
     def model(self) -> DepthModel:
@@ -66,7 +77,17 @@ class DepthView:
 
     def reduced(self) -> DepthView:
         """Return the same without the image, to be kept."""
-        return DepthView(self._camera, grid=self.grid)
+        return DepthView(self._camera, grid=self.grid, grey=self.grey)
+
+    @cached_property
+    def grey(self) -> ByteArray | None:
+        """(rows, columns): mean grey of the grid's cells, None where no picture belongs to the depth."""
+        return self._given_grey if self._image is None else grey_grid(self._image, self._camera)
+
+    @cached_property
+    def shaded(self) -> ShadedView | None:
+        """The surfaces with their grey."""
+        return None if self.grey is None or self.grey.shape != self.grid.shape else ShadedView.of(self.model, self.grey)
 
     @property
     def is_structured(self) -> bool:
@@ -92,6 +113,11 @@ class Carried:
         """Whether no direction rests on the motion model."""
         return self.alignment.is_complete
 
+    @property
+    def motion_information(self) -> FloatArray:
+        """(6, 6): the part of the information that only the motion model gives."""
+        return self.factor.information - self.alignment.information
+
     def is_completed_by(self, information: FloatArray) -> bool:
         """Return whether points, whose information (6, 6) is given, fix what the surfaces leave open."""
         lever = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
@@ -107,6 +133,7 @@ def carry(
     seen: DepthView,
     guess: FloatArray,
     step_s: float,
+    reference_grey: ByteArray | None = None,
 ) -> Carried | None:
     """Find a frame's pose by a reference view, from a first guess (4, 4) that the motion model made over ``step_s``.
 
@@ -119,8 +146,23 @@ def carry(
         return None
     if len(aligned.free_directions) > MAX_FREE:
         return None
+    if reference_grey is not None and seen.shaded is not None and not aligned.is_complete:
+        aligned = _shaded(aligned, ShadedView.of(reference_model, reference_grey), seen.shaded)
     information = aligned.information + motion_information(aligned.free_directions, step_s)
     return Carried(PoseFactor(aligned.camera_from_reference @ reference_from_world, information), aligned, reference)
+
+
+def _shaded(aligned: DepthAlignment, reference: ShadedView, seen: ShadedView) -> DepthAlignment:
+    """Return an alignment with what shading says of the directions that it leaves open."""
+    found = align_shading(reference, seen, aligned.camera_from_reference, aligned.free_directions)
+    if found is None:
+        return aligned
+    return replace(
+        aligned,
+        camera_from_reference=found.camera_from_reference,
+        information=aligned.information + found.information,
+        free_directions=found.free_directions,
+    )
 
 
 def motion_information(free_directions: FloatArray, step_s: float) -> FloatArray:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
+from navcore.slam.apertures import REACH_PX, edge_directions, slides_of
 from navcore.slam.corners import find_corners
 from navcore.slam.descriptors import describe, disc_weights, pattern_places
 from navcore.slam.keyframes import (
@@ -74,15 +75,27 @@ class FeatureExtractor:
         for level, (image, quota) in enumerate(zip(self._pyramid(grey), self._quotas, strict=True)):
             corners = find_corners(image, self._score[level], FAST_HIGH, FAST_LOW, quota + owed)
             owed += quota - len(corners)
-            found.append((corners, *describe(image, self._sums[level], corners, self._places[level], *self._disc)))
-        corners, angles, words = (np.concatenate(parts) for parts in zip(*found, strict=True))
+            described = describe(image, self._sums[level], corners, self._places[level], *self._disc)
+            found.append((corners, *described, edge_directions(self._sums[level], corners)))
+        corners, angles, words, edges = (np.concatenate(parts) for parts in zip(*found, strict=True))
         octave = np.repeat(np.arange(LEVEL_COUNT, dtype=np.int32), [len(part[0]) for part in found])
         # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
         raw_px = (corners[:, :2] + 0.5) * self._scales[octave] - 0.5
         uvr, depth = measure(raw_px, self._undistorted, depth_m, self.camera.bf_px_m)
+        reach_px = REACH_PX * self._scales[octave, 0]
+        slides = slides_of(edges, raw_px, reach_px, depth_m, self.camera.bf_px_m)
         order, cell_start = sort_into_cells(uvr, self._columns, self._rows)
         descriptors = words[order].view(np.uint8)
-        return Features(uvr[order], depth[order], octave[order], angles[order], descriptors, cell_start, self._columns)
+        return Features(
+            uvr[order],
+            depth[order],
+            octave[order],
+            angles[order],
+            descriptors,
+            cell_start,
+            self._columns,
+            slides[order],
+        )
 
     def _pyramid(self, grey: ByteArray) -> list[ByteArray]:
         levels = [grey]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -45,7 +45,8 @@ def freeze(
         "readout_s": np.array([builder.readout.seconds]),
         "keyframe_stamp_s": np.array([builder.keyframes[k].stamp_s for k in alive.tolist()]),
         "keyframe_session": np.array([builder.keyframes[k].session for k in alive.tolist()], np.int32),
-        "keyframe_depth": _depth_grids(builder, alive),
+        "keyframe_depth": _grids(builder, alive, builder.depth_grids, np.uint16),
+        "keyframe_grey": _grids(builder, alive, builder.grey_grids, np.uint8),
         "camera_from_world": builder.camera_from_world[alive],
         "keyframe_covariance": np.zeros((len(alive), 6, 6)),
         "parent": new_keyframe[builder.parent[alive]],
@@ -79,11 +80,14 @@ def _in_cells(builder: MapBuilder, keyframe: int) -> tuple[Features, NDArray[np.
     return sorted_anew(replace(features, uvr_px=stored), builder.camera)
 
 
-def _depth_grids(builder: MapBuilder, alive: Int64Array) -> NDArray[np.uint16]:
-    grids = np.zeros((len(alive), *grid_shape(builder.camera)), np.uint16)
+def _grids(
+    builder: MapBuilder, alive: Int64Array, held: Mapping[int, NDArray[Any]], kind: type[np.integer[Any]]
+) -> NDArray[Any]:
+    """Return the grids (K, rows, columns) of the living key frames, zero where one has none."""
+    grids = np.zeros((len(alive), *grid_shape(builder.camera)), kind)
     for place, keyframe in enumerate(alive.tolist()):
-        if keyframe in builder.depth_grids:
-            grids[place] = builder.depth_grids[keyframe]
+        if keyframe in held:
+            grids[place] = held[keyframe]
     return grids
 
 

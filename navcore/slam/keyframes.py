@@ -86,6 +86,9 @@ class Features:
     rolled_uvr_px: FloatArray | None = None
     """(n, 3): u, v, u_r as they were seen, row by row, before the camera's movement during the readout was taken out;
     None where it was not, or is not known any more."""
+    slides: FloatArray | None = None
+    """(n, 3): unit direction in u, v, u_r in which each feature may lie elsewhere, 0 where it may not (see
+    :mod:`navcore.slam.apertures`); None where that is not known."""
 
     def __len__(self) -> int:
         return len(self.octave)
@@ -99,6 +102,15 @@ class Features:
     def inv_sigma2(self) -> FloatArray:
         """(n,): 1/σ² of each feature's image coordinates."""
         return INV_SIGMA2[self.octave]
+
+    def slides_at(self, feature_index: IntArray) -> FloatArray | None:
+        """Return the slides (m, 3) of some features (m,); None where they are not known."""
+        return None if self.slides is None else self.slides[feature_index]
+
+    def count_distinct(self, feature_index: IntArray) -> int:
+        """Return how many of some features (m,) are no edges."""
+        slides = self.slides_at(feature_index)
+        return len(feature_index) if slides is None else int(np.count_nonzero((slides == 0.0).all(axis=1)))
 
     def points_in_camera(self, camera: SlamCamera) -> FloatArray:
         """Return the points (n, 3) in the camera's frame, metres; NaN rows where there is no depth."""

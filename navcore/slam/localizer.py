@@ -27,13 +27,16 @@ import numpy as np
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.depth_localization import DepthAid
-from navcore.slam.features import FeatureExtractor, feature_count_for
+from navcore.slam.depth_tracking import DepthView
+from navcore.slam.features import FeatureExtractor, feature_count_for, grey_of
 from navcore.slam.fisheye_localization import FisheyeAid
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.localizer_state import CONFIRMATIONS, LocalizerState, MapMatch, RememberedCovisibility
 from navcore.slam.map_evidence import evidence_for
-from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pace import Pace
+from navcore.slam.pose import position_sigma_m
+from navcore.slam.pose_factor import PoseFactor, factor_error
 from navcore.slam.pose_uncertainty import (
     centre_of,
     drifted,
@@ -45,6 +48,7 @@ from navcore.slam.pose_uncertainty import (
 )
 from navcore.slam.relocalization import is_same_place, proposals
 from navcore.slam.rolling_shutter import sorted_anew, unrolled
+from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -86,6 +90,10 @@ TURN_LEVER_M = 2.0
 """When the nearest key frame is looked for, one that looks to the side counts as so much farther away."""
 MIN_READOUT_S = 1e-3
 """A picture that is read in less is taken as it is: fast turns bend it by less than a corner is uncertain."""
+OPEN_SIGMA_M = 0.3
+"""A match that leaves the position open by more than this in some direction does not count as one."""
+DISAGREEING_M = 0.15
+"""Few landmarks are not believed where surfaces see the camera farther away than this."""
 MISFIT_MEMORY = 0.8
 """Weight of earlier frames in the running mean of the variance factor."""
 
@@ -104,6 +112,8 @@ class Localizer:
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
         self._covisibility = RememberedCovisibility(self._map)
         self._state: LocalizerState | None = None
+        self._seen = DepthView(camera)
+        self._pace = Pace()
         self._depth = DepthAid(slam_map)
         self._aid = FisheyeAid(self._map, settings.feature_count) if settings.use_fisheye else None
 
@@ -115,15 +125,19 @@ class Localizer:
     def reset(self) -> None:
         """Forget where the camera was."""
         self._state = None
+        self._pace.forget()
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
-        features = self._unrolled_as_expected(self._extractor.extract(frame))
+        image = grey_of(frame.colour_rgb)
+        features = self._unrolled_as_expected(self._extractor.extract_grey(image, frame.depth_m))
+        self._seen = DepthView(self._map.camera, frame.depth_m, image=image)
         if self._aid is not None:
             known = self._state
             self._aid.look(frame, *((None, None) if known is None else (known.last, known.before_last)))
         state = self._follow(self._state, frame, features) if self._state is not None else None
         self._state = state or self._find(frame, features)
+        self._keep_pace(frame.stamp_s)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
 
     # ------------------------------------------------------------------------------------------- rolling shutter
@@ -149,6 +163,8 @@ class Localizer:
     # ------------------------------------------------------------------------------------------- following
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:
         guess = predict_pose(state.last, state.before_last, frame.stamp_s)
+        if state.matched_s != state.last.stamp_s:
+            guess = self._at_pace(state, frame.stamp_s, guess)
         moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
         if moved is not None and not is_walkable(state.last, moved.track):
             moved = None
@@ -161,6 +177,8 @@ class Localizer:
             if track is None:
                 continue
             matched = self._match_map(state, track, frame, radius_factor)
+            if matched is not None and not self._is_undisputed(matched, frame.stamp_s - state.last.stamp_s):
+                continue
             if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, self._unrolled_as_found(state, matched), frame)
             if matched is not None and track is followed and matched.is_plausible_after(track):
@@ -169,6 +187,18 @@ class Localizer:
             doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
         return found or self._carried_on(state, moved, doubtful, predicted, frame)
+
+    def _at_pace(self, state: LocalizerState, stamp_s: float, guess: FloatArray) -> FloatArray:
+        """Return a guess (4, 4) with the position to which the walker's pace leads."""
+        return self._pace.carried_on(state.last.camera_from_world, stamp_s - state.last.stamp_s, guess[:3, :3])
+
+    def _keep_pace(self, stamp_s: float) -> None:
+        """Remember the walker's pace by frames that the map has matched, as long as they are of one piece."""
+        state = self._state
+        if state is None or (state.matched_s == stamp_s and state.confirmations == 1):
+            self._pace.forget()
+        if state is not None and state.matched_s == stamp_s:
+            self._pace.note(stamp_s, state.last.camera_from_world)
 
     def _carried_on(
         self,
@@ -184,8 +214,10 @@ class Localizer:
         """
         if frame.stamp_s - state.matched_s <= MAX_ODOMETRY_S:
             followed = None if moved is None else moved.track
+            at_pace = self._at_pace(state, frame.stamp_s, predicted.camera_from_world)
+            predicted = replace(predicted, camera_from_world=at_pace)
             placed = self._depth.place(
-                self._map.camera, frame.depth_m, state.last, followed, predicted, state.covariance
+                self._seen, state.last, followed, predicted, state.covariance, self._pace.is_known
             )
             if placed is not None:
                 return replace(
@@ -230,6 +262,28 @@ class Localizer:
         if found.landmark_count < STEADY_COUNT:
             return replace(alone, track=self._steadied(state, found.track, track))
         return alone
+
+    def _is_undisputed(self, matched: MapMatch, step_s: float) -> bool:
+        """Tell whether a match fixes all of the pose: what surfaces leave open, few landmarks may leave open, too."""
+        track = matched.track
+        if matched.fisheye is not None or not is_sparse(track):
+            return True
+        carried = self._depth.carried(self._seen, track.camera_from_world, step_s)
+        if carried is None:
+            return position_sigma_m(track.information) < OPEN_SIGMA_M
+        if carried.is_complete:
+            shift = factor_error(carried.factor.camera_from_world, track.camera_from_world)[:3]
+            return float(np.linalg.norm(shift)) < DISAGREEING_M
+        seeds = local_keyframes(self._covisibility, track.landmarks)
+        candidates = local_landmarks(self._map, seeds)
+        nothing = np.full(len(track.features), NO_LANDMARK, np.int32)
+
+        def by_map(start: FloatArray, factor: PoseFactor) -> FrameMatch:
+            at = replace(track, camera_from_world=start, landmark_of=nothing, carried_points=None)
+            return extend_by_map(self._map, at, candidates, factor=factor)[0]
+
+        found, _ = extend_by_map(self._map, track, candidates)
+        return is_firm(found.track.information) and undisputed(found, carried, by_map)
 
     def _steadied(self, state: LocalizerState, matched: Track, followed: Track) -> Track:
         """Return a frame matched with few landmarks, its pose weighed against what odometry says.
@@ -326,7 +380,7 @@ class Localizer:
                 rival = max(rival, match.evidence.found)
         if best is None:
             return self._find_by_fisheye(frame, features)
-        if rival > RIVAL_SHARE * best.evidence.found:
+        if rival > RIVAL_SHARE * best.evidence.found or not self._is_undisputed(best, 0.0):
             return None
         return self._matched(None, best, frame, 1)
 

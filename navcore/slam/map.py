@@ -68,6 +68,8 @@ class MapBuilder:
         """The recording that key frames which are added now come from."""
         self.depth_grids: dict[int, NDArray[np.uint16]] = {}
         """Depth grids (rows, columns) of key frames, see :class:`navcore.slam.depth_model.DepthModel`."""
+        self.grey_grids: dict[int, ByteArray] = {}
+        """Mean grey (rows, columns) of the depth grids' cells."""
         self.depth_carried: set[int] = set()
         """Key frames whose poses rest on depth more than on landmarks."""
         self.readout = ReadoutTime()

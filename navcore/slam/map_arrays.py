@@ -41,6 +41,7 @@ SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
     "keyframe_stamp_s": (np.float64, ("K",)),
     "keyframe_session": (np.int32, ("K",)),
     "keyframe_depth": (np.uint16, ("K", "R", "C")),
+    "keyframe_grey": (np.uint8, ("K", "R", "C")),
     "camera_from_world": (np.float64, ("K", 4, 4)),
     "keyframe_covariance": (np.float64, ("K", 6, 6)),
     "parent": (np.int32, ("K",)),
@@ -116,8 +117,8 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
     """Return the arrays of an older schema with what it lacks.
 
     Maps of the first were made of one recording and do not say so, and their key frames kept no depth; those of the
-    second do not say how far they can be wrong, which all zeros stand for; nor did early
-    ones of the third say how long the camera reads a picture.
+    second kept no grey, and do not say how far they can be wrong, which all zeros stand for; nor did early ones of the
+    third say how long the camera reads a picture.
     """
     missing: dict[str, NDArray[Any]] = {
         name: np.zeros(len(arrays[like]), np.int32)
@@ -126,7 +127,9 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
     }
     if "keyframe_stamp_s" in arrays and arrays["keyframe_stamp_s"].ndim:
         count = len(arrays["keyframe_stamp_s"])
-        missing["keyframe_depth"] = np.zeros((count, 1, 1), np.uint16)
+        kept = arrays.get("keyframe_depth", arrays.get("keyframe_grey", np.zeros((count, 1, 1))))
+        missing["keyframe_depth"] = np.zeros(kept.shape, np.uint16)
+        missing["keyframe_grey"] = np.zeros(kept.shape, np.uint8)
         missing["keyframe_covariance"] = np.zeros((count, 6, 6))
     missing["readout_s"] = np.zeros(1)
     return {**missing, **arrays}

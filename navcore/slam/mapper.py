@@ -9,24 +9,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
-from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MIN_TRACKED, SPARSE_LANDMARKS, DepthCarrier
+from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MAX_BLIND_S, MIN_TRACKED, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
-from navcore.slam.features import FeatureExtractor
+from navcore.slam.features import FeatureExtractor, grey_of
 from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
 from navcore.slam.local_mapping import LocalMapping
 from navcore.slam.loop_closing import DRIFT_OF_A_WALK, DriftGate, LoopCloser
 from navcore.slam.map import MapBuilder
+from navcore.slam.map_evidence import evidence_for
+from navcore.slam.pace import Pace
+from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_uncertainty import is_reachable, is_walkable
 from navcore.slam.relocalization import relocalize
 from navcore.slam.rolling_shutter import sorted_anew, unrolled
+from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -34,6 +39,7 @@ from navcore.slam.tracking import (
     extend_by_map,
     local_keyframes,
     local_landmarks,
+    match_last_frame,
     moved,
     predict_pose,
     seen_again,
@@ -46,8 +52,6 @@ MIN_START_POINTS = 100
 """Features with depth that the first frame needs."""
 MIN_TRACKED_FRAMES = 5
 """A map needs so many tracked frames."""
-MIN_BESIDE_DEPTH = 20
-"""Points of the last frame that must agree where surfaces leave a direction open."""
 CLOSE_DEPTH_M = 3.5
 """Nearer points fix the translation well: a key frame is due when many of them are not in the map."""
 KEYFRAME_RATIO = 0.75
@@ -106,6 +110,8 @@ class Mapper:
         self._closer = LoopCloser(self.builder, max_drift=max_drift)
         self._local = LocalMapping(self.builder, self._closer, executor)
         self._depth = DepthCarrier(self.builder)
+        self._pace = Pace()
+        self._is_fixed = True
         self._carried: Carried | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
@@ -180,10 +186,11 @@ class Mapper:
 
     def add(self, frame: Frame) -> bool:
         """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
-        features = self._extractor.extract(frame)
+        image = grey_of(frame.colour_rgb)
+        features = self._extractor.extract_grey(image, frame.depth_m)
         self.settle()
         features = self._unrolled_as_expected(features)
-        depth = DepthView(self.builder.camera, frame.depth_m)
+        depth = DepthView(self.builder.camera, frame.depth_m, image=image)
         if not self.builder.keyframes:
             return self._start(frame.stamp_s, features, depth)
         if self._reference < 0:
@@ -192,6 +199,8 @@ class Mapper:
 
     def _follow(self, stamp_s: float, features: Features, depth: DepthView) -> bool:
         track = self._track(stamp_s, features, depth)
+        if track is None or not self._is_fixed:
+            track = self._found_again(stamp_s, features, depth, track)
         if track is None:
             self._before_last = None
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
@@ -241,6 +250,7 @@ class Mapper:
         if settled.has_closed_loop:
             # The map has moved under the camera; its velocity is to be learned anew.
             self._before_last = None
+            self._pace.forget()
         self._count()
 
     def _count(self) -> None:
@@ -307,38 +317,84 @@ class Mapper:
 
     def _track(self, stamp_s: float, features: Features, depth: DepthView) -> Track | None:
         assert self._last is not None
-        guess = predict_pose(self._last, self._before_last, stamp_s)
+        guess = self._predicted(stamp_s)
         found = track_last_frame(self.builder, self._last, features, stamp_s, guess)
+        if found is not None and not is_walkable(self._last, found.track):
+            found = None
         self._carried = None if found is not None else self._carry(stamp_s, depth, guess)
         if found is None and (self._carried is None or not self._carried.is_complete):
-            found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+            found = self._relocalized(stamp_s, features, depth)
             if found is not None:
                 self._carried = None
             elif self._carried is None:
                 return None
         return self._track_by_map(stamp_s, features, depth, found)
 
+    def _predicted(self, stamp_s: float) -> FloatArray:
+        """Return where the motion model has a frame: steps that were not fixed by anything seen are not repeated."""
+        assert self._last is not None
+        guess = predict_pose(self._last, self._before_last, stamp_s)
+        if self._is_fixed:
+            return guess
+        return self._pace.carried_on(self._last.camera_from_world, stamp_s - self._last.stamp_s, guess[:3, :3])
+
+    def _found_again(
+        self, stamp_s: float, features: Features, depth: DepthView, carried_on: Track | None
+    ) -> Track | None:
+        """Look around the latest key frames for a frame that was not followed, or only ``carried_on``."""
+        found = self._relocalized(stamp_s, features, depth)
+        if found is None:
+            return carried_on
+        before = self._carried, self._reference
+        self._carried = None
+        track = self._track_by_map(stamp_s, features, depth, found)
+        if track is not None and self._is_fixed:
+            return track
+        self._carried, self._reference = before
+        self._is_fixed = False
+        return carried_on
+
+    def _relocalized(self, stamp_s: float, features: Features, depth: DepthView) -> FrameMatch | None:
+        found = relocalize(self.builder, features, stamp_s, self._recent_keyframes(), MIN_TRACKED)
+        return found if found is not None and self._is_believable(stamp_s, found, depth) else None
+
+    def _is_believable(self, stamp_s: float, found: FrameMatch, depth: DepthView) -> bool:
+        """Tell whether a place that was found again is this one: it can be reached, and after a while it must convince.
+
+        Bare corridors look alike from lamp to lamp, and one's mouth like another's.
+        """
+        assert self._last is not None
+        if not is_reachable(self._last, found.track):
+            return False
+        if abs(stamp_s - self._last.stamp_s) <= MAX_BLIND_S or depth.depth_m is None:
+            return True
+        around = local_landmarks(self.builder, local_keyframes(self.builder, found.track.landmarks))
+        return evidence_for(self.builder, found.track, around, depth.depth_m).is_convincing
+
     def _track_by_map(
         self, stamp_s: float, features: Features, depth: DepthView, found: FrameMatch | None
     ) -> Track | None:
         """Look for the map's landmarks around a pose found by matches, by depth, or by both."""
-        matched_count = 0 if found is None else found.matched_count
         near = self._unmatched(stamp_s, features) if found is None else found.track
         found, expected = self._extended(near)
-        if found.landmark_count < SPARSE_LANDMARKS and self._carried is None:
-            self._carried = self._carry(stamp_s, depth, found.track.camera_from_world)
+        if self._carried is None and is_sparse(found.track):
+            self._carried = self._carried_beside(stamp_s, depth, near, found.track)
             if self._carried is not None:
                 found, expected = self._extended(near)
+        carried = self._carried
+        is_fixed = carried is not None and carried.is_complete
+        if carried is None:
+            is_fixed = found.landmark_count >= MIN_TRACKED and is_firm(found.track.information)
+        elif not carried.is_complete:
+            distinct = self._distinct(near, found, carried)
+            is_fixed = distinct is not None
+            found = distinct or FrameMatch(self._unmatched(stamp_s, features), 0, 0)
         self.builder.visible[expected] += 1
         self.builder.found[found.track.landmarks] += 1
         is_seen = found.landmark_count >= MIN_TRACKED
-        carried = self._carried
-        is_fixed = is_seen or (
-            carried is not None
-            and (
-                carried.is_complete or (matched_count >= MIN_BESIDE_DEPTH and carried.is_completed_by(near.information))
-            )
-        )
+        self._is_fixed = is_fixed
+        if is_fixed:
+            self._pace.note(stamp_s, found.track.camera_from_world)
         if not self._depth.note(stamp_s, is_fixed) or not (is_seen or carried is not None):
             return None
         if is_seen:
@@ -348,20 +404,49 @@ class Mapper:
             self._reference = carried.reference
         return found.track
 
-    def _extended(self, near: Track) -> tuple[FrameMatch, IntArray]:
+    def _carried_beside(self, stamp_s: float, depth: DepthView, near: Track, track: Track) -> Carried | None:
+        """Ask depth near where landmarks have placed a frame; along what it leaves open, the motion model goes on."""
+        assert self._last is not None
+        is_guide = is_firm(track.information) and is_walkable(self._last, track)
+        carried = self._carry(stamp_s, depth, (track if is_guide else near).camera_from_world)
+        if carried is not None and carried.is_complete:
+            return carried
+        since_s = stamp_s - self._last.stamp_s
+        turned = near.camera_from_world if carried is None else carried.factor.camera_from_world
+        at_pace = self._pace.carried_on(self._last.camera_from_world, since_s, turned[:3, :3])
+        return self._carry(stamp_s, depth, at_pace) or carried
+
+    def _distinct(self, near: Track, found: FrameMatch, carried: Carried) -> FrameMatch | None:
+        """Return the match, with the map or else with the last frame, that fixes what surfaces leave open."""
+        assert self._last is not None
+        last = self._last
+
+        def by_map(start: FloatArray, factor: PoseFactor) -> FrameMatch | None:
+            nothing = np.full(len(near.features), NO_LANDMARK, np.int32)
+            at = replace(near, camera_from_world=start, landmark_of=nothing, carried_points=None)
+            return self._extended(at, factor)[0]
+
+        def by_last(start: FloatArray, factor: PoseFactor) -> FrameMatch | None:
+            return match_last_frame(self.builder, last, near.features, near.stamp_s, start, factor)
+
+        if undisputed(found, carried, by_map):
+            return found
+        again = by_last(near.camera_from_world, carried.factor)
+        return again if again is not None and undisputed(again, carried, by_last) else None
+
+    def _extended(self, near: Track, factor: PoseFactor | None = None) -> tuple[FrameMatch, IntArray]:
         """Look for the local map's landmarks near where a frame is, weighing in what depth says where it was asked."""
         assert self._last is not None
         keyframes = local_keyframes(self.builder, near.landmarks if near.inlier_count >= 10 else self._last.landmarks)
-        factor = None
         if self._carried is not None:
             keyframes = np.union1d(keyframes, [self._carried.reference, self._reference]).astype(np.int32)
-            factor = self._carried.factor
+            factor = factor or self._carried.factor
         return extend_by_map(self.builder, near, local_landmarks(self.builder, keyframes), factor=factor)
 
     def _carry(self, stamp_s: float, depth: DepthView, guess: FloatArray) -> Carried | None:
         assert self._last is not None
         was_lost = not self.frame_poses or self.frame_poses[-1].reference < 0
-        return self._depth.carry(depth, guess, stamp_s - self._last.stamp_s, was_lost)
+        return self._depth.carry(depth, guess, stamp_s - self._last.stamp_s, was_lost, self._reference)
 
     def _unmatched(self, stamp_s: float, features: Features) -> Track:
         """Return the frame where depth has placed it, without landmarks yet."""
@@ -389,7 +474,9 @@ class Mapper:
     def _insert_keyframe(self, track: Track, depth: DepthView) -> None:
         index = self.builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._depth.keep(index, depth)
-        if track.inlier_count < MIN_TRACKED:
+        if track.inlier_count < MIN_TRACKED or (
+            self._carried is not None and self._carried.is_complete and is_sparse(track)
+        ):
             self.builder.depth_carried.add(index)
         self.builder.unroll(index, self._velocity)
         self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0

@@ -29,6 +29,7 @@ def refine_pose(
     cy_px: float,
     bf: float,
     factor: PoseFactor | None = None,
+    slides: FloatArray | None = None,
 ) -> tuple[FloatArray, BoolArray, FloatArray]:
     """Refine a camera's pose on landmarks that stay where they are (ORB-SLAM2, motion-only bundle adjustment).
 
@@ -50,6 +51,7 @@ def refine_pose(
         pose,
         np.ascontiguousarray(points_world, dtype=np.float64),
         np.ascontiguousarray(observations, dtype=np.float64),
+        np.zeros((count, 3)) if slides is None else np.ascontiguousarray(slides),
         np.ascontiguousarray(inv_sigma2, dtype=np.float64),
         (float(fx_px), float(fy_px), float(cx_px), float(cy_px), float(bf)),
         np.ascontiguousarray(known.camera_from_world, dtype=np.float64),
@@ -71,6 +73,14 @@ def covariance_in_world(camera_from_world: FloatArray, information: FloatArray) 
     jacobian[:3, :3] = -rotation.T
     jacobian[3:, 3:] = -rotation.T
     return np.asarray(jacobian @ covariance @ jacobian.T)
+
+
+def position_sigma_m(information: FloatArray) -> float:
+    """Return the standard deviation of the position along the direction that is fixed worst.
+
+    ``information`` (6, 6) is what :func:`refine_pose` gives; 1000 m where a direction is open.
+    """
+    return float(np.sqrt(np.linalg.eigvalsh(covariance_in_world(np.eye(4), information)[:3, :3])[-1]))
 
 
 def pnp_ransac(

@@ -53,10 +53,27 @@ def _chi2(pose: FloatArray, x: Point, o: Point, w: float, camera: Camera) -> flo
 
 
 @kernel
+def _chi2_across(pose: FloatArray, x: Point, o: Point, s: Point, w: float, camera: Camera) -> float:
+    """Weighted squared error of one observation, but for that along its slide s; infinite behind the camera."""
+    chi2 = _chi2(pose, x, o, w, camera)
+    if (s[0] == 0.0 and s[1] == 0.0) or math.isinf(chi2):
+        return chi2
+    pz = pose[2, 0] * x[0] + pose[2, 1] * x[1] + pose[2, 2] * x[2] + pose[2, 3]
+    px = pose[0, 0] * x[0] + pose[0, 1] * x[1] + pose[0, 2] * x[2] + pose[0, 3]
+    py = pose[1, 0] * x[0] + pose[1, 1] * x[1] + pose[1, 2] * x[2] + pose[1, 3]
+    u = camera[0] * px / pz + camera[2]
+    along = s[0] * (u - o[0]) + s[1] * (camera[1] * py / pz + camera[3] - o[1])
+    if not math.isnan(o[2]):
+        along += s[2] * (u - camera[4] / pz - o[2])
+    return float(chi2 - w * along * along)
+
+
+@kernel
 def _robust_cost(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
+    slides: FloatArray,
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
@@ -70,7 +87,9 @@ def _robust_cost(
         if not used[i]:
             continue
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-        chi2 = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera)
+        chi2 = _chi2_across(
+            pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera
+        )
         if math.isinf(chi2):
             chi2 = 1e6
         if robust and chi2 > limit:
@@ -109,6 +128,22 @@ def _linearize(pose: FloatArray, x: Point, o: Point, camera: Camera, e: FloatArr
 
 
 @kernel
+def _hold_back(s: Point, rows: int, e: FloatArray, j: FloatArray) -> None:
+    """Take out of error e (3,) and Jacobian j (3, 6) what lies along a slide."""
+    along = 0.0
+    for r in range(rows):
+        along += s[r] * e[r]
+    for r in range(rows):
+        e[r] -= s[r] * along
+    for k in range(6):
+        along = 0.0
+        for r in range(rows):
+            along += s[r] * j[r, k]
+        for r in range(rows):
+            j[r, k] -= s[r] * along
+
+
+@kernel
 def _add_rows(e: FloatArray, j: FloatArray, rows: int, w: float, robust: bool, h: FloatArray, g: FloatArray) -> None:
     """Add the rows of one observation to g (6,) and to the upper half of h (6, 6)."""
     limit = CHI2_DEPTH if rows == 3 else CHI2_MONO
@@ -130,6 +165,7 @@ def _normal_equations(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
+    slides: FloatArray,
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
@@ -147,6 +183,8 @@ def _normal_equations(
     for i in range(len(points)):
         if used[i]:
             rows = _linearize(pose, _triple(points, i), _triple(observations, i), camera, e, j)
+            if slides[i, 0] != 0.0 or slides[i, 1] != 0.0:
+                _hold_back(_triple(slides, i), rows, e, j)
             _add_rows(e, j, rows, inv_sigma2[i], robust, h, g)
     for k in range(6):
         for m in range(k):
@@ -208,6 +246,7 @@ def _descend(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
+    slides: FloatArray,
     inv_sigma2: FloatArray,
     used: BoolArray,
     robust: bool,
@@ -221,18 +260,22 @@ def _descend(
     step = np.empty(6)
     trial = np.empty((4, 4))
     damping = 1e-5
-    cost = _robust_cost(pose, points, observations, inv_sigma2, used, robust, camera, mean, information)
+    cost = _robust_cost(pose, points, observations, slides, inv_sigma2, used, robust, camera, mean, information)
     is_linearized = False
     for _ in range(_ITERATIONS):
         if not is_linearized:
-            _normal_equations(pose, points, observations, inv_sigma2, used, robust, camera, mean, information, h, g)
+            _normal_equations(
+                pose, points, observations, slides, inv_sigma2, used, robust, camera, mean, information, h, g
+            )
             is_linearized = True
         gain = -1.0
         length2 = np.inf
         trial_cost = cost
         if _solve6(h, g, damping, step):
             update_pose(pose, step, trial)
-            trial_cost = _robust_cost(trial, points, observations, inv_sigma2, used, robust, camera, mean, information)
+            trial_cost = _robust_cost(
+                trial, points, observations, slides, inv_sigma2, used, robust, camera, mean, information
+            )
             gain = cost - trial_cost
             length2 = 0.0
             for k in range(6):
@@ -254,6 +297,7 @@ def _reclassify(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
+    slides: FloatArray,
     inv_sigma2: FloatArray,
     used: BoolArray,
     camera: Camera,
@@ -263,7 +307,10 @@ def _reclassify(
     count = 0
     for i in range(len(points)):
         limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
-        inside = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera) <= limit
+        inside = (
+            _chi2_across(pose, _triple(points, i), _triple(observations, i), _triple(slides, i), inv_sigma2[i], camera)
+            <= limit
+        )
         changed = changed or inside != used[i]
         used[i] = inside
         if inside:
@@ -276,6 +323,7 @@ def refine(
     pose: FloatArray,
     points: FloatArray,
     observations: FloatArray,
+    slides: FloatArray,
     inv_sigma2: FloatArray,
     camera: Camera,
     mean: FloatArray,
@@ -289,12 +337,30 @@ def refine(
     used = np.ones(len(points), dtype=np.bool_)
     for round_index in range(_ROUNDS):
         robust = round_index < _ROUNDS - 2
-        _descend(pose, points, observations, inv_sigma2, used, robust, camera, mean, information)
-        count, changed = _reclassify(pose, points, observations, inv_sigma2, used, camera)
+        _descend(pose, points, observations, slides, inv_sigma2, used, robust, camera, mean, information)
+        count, changed = _reclassify(pose, points, observations, slides, inv_sigma2, used, camera)
         if (count < MIN_OBSERVATIONS and not has_factor) or not (changed or robust):
             break
     _orthonormalize(pose)
     h = np.zeros((6, 6))
     g = np.zeros(6)
-    _normal_equations(pose, points, observations, inv_sigma2, used, False, camera, mean, information, h, g)
+    _normal_equations(pose, points, observations, slides, inv_sigma2, used, False, camera, mean, information, h, g)
     return pose, used, h
+
+
+@kernel
+def has_slid(
+    pose: FloatArray,
+    points: FloatArray,
+    observations: FloatArray,
+    slides: FloatArray,
+    inv_sigma2: FloatArray,
+    camera: Camera,
+) -> BoolArray:
+    """Return which observations (n,) lie on an edge, but elsewhere on it than a pose (4, 4) puts their points."""
+    away = np.zeros(len(points), np.bool_)
+    for i in range(len(points)):
+        if slides[i, 0] != 0.0 or slides[i, 1] != 0.0:
+            limit = CHI2_MONO if math.isnan(observations[i, 2]) else CHI2_DEPTH
+            away[i] = _chi2(pose, _triple(points, i), _triple(observations, i), inv_sigma2[i], camera) > limit
+    return away

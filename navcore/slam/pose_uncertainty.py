@@ -42,6 +42,8 @@ DRIFT_SIGMA_RAD = 0.0016
 MAX_SPEED_M_S = 2.0
 STEP_M = 0.1
 """Nobody moves faster, the first 10 cm aside; what odometry says beyond that is a mistake."""
+DRIFTED_M = 1.0
+"""So far can a frame have drifted before it is found again."""
 AMBIGUITY_SIGMA_M = 0.3
 AMBIGUITY_SIGMA_RAD = 0.1
 """Standard deviation of a pose that further frames have not confirmed: it may be off by a period of a wall."""
@@ -105,7 +107,13 @@ def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:
 def is_walkable(before: Track, after: Track) -> bool:
     """Tell whether somebody can have moved so far between two frames."""
     moved_m = float(np.linalg.norm(centre_of(after) - centre_of(before)))
-    return moved_m <= STEP_M + MAX_SPEED_M_S * max(0.0, after.stamp_s - before.stamp_s)
+    return moved_m <= STEP_M + MAX_SPEED_M_S * abs(after.stamp_s - before.stamp_s)
+
+
+def is_reachable(before: Track, after: Track) -> bool:
+    """Tell whether somebody can have come from one frame to another, the one before having drifted."""
+    moved_m = float(np.linalg.norm(centre_of(after) - centre_of(before)))
+    return moved_m <= DRIFTED_M + MAX_SPEED_M_S * abs(after.stamp_s - before.stamp_s)
 
 
 def odometry_factor(relative_covariance: FloatArray, before: Track, after: Track) -> PoseFactor:

@@ -80,15 +80,16 @@ def sorted_anew(features: Features, camera: SlamCamera) -> tuple[Features, NDArr
     """Return features sorted into the grid by where they are now, and the order (n,) that does it."""
     rows = (camera.height_px + GRID_PX - 1) // GRID_PX
     order, cell_start = sort_into_cells(features.uvr_px, features.cell_columns, rows)
-    ordered = Features(
-        features.uvr_px[order],
-        features.depth_m[order],
-        features.octave[order],
-        features.angle_rad[order],
-        features.descriptors[order],
-        cell_start,
-        features.cell_columns,
-        None if features.rolled_uvr_px is None else features.rolled_uvr_px[order],
+    ordered = replace(
+        features,
+        uvr_px=features.uvr_px[order],
+        depth_m=features.depth_m[order],
+        octave=features.octave[order],
+        angle_rad=features.angle_rad[order],
+        descriptors=features.descriptors[order],
+        cell_start=cell_start,
+        rolled_uvr_px=None if features.rolled_uvr_px is None else features.rolled_uvr_px[order],
+        slides=None if features.slides is None else features.slides[order],
     )
     return ordered, order
 

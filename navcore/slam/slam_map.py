@@ -47,6 +47,9 @@ class SlamMap:
     keyframe_depth: NDArray[np.uint16]
     """(K, rows, columns): the surfaces each key frame saw, the grid of :class:`navcore.slam.depth_model.DepthModel`;
     all zero where none was kept."""
+    keyframe_grey: NDArray[np.uint8]
+    """(K, rows, columns): the grey of these cells, see :mod:`navcore.slam.shading_alignment`; all zero where none was
+    kept."""
     camera_from_world: FloatArray
     """(K, 4, 4): poses of the key frames."""
     keyframe_covariance: FloatArray

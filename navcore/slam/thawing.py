@@ -55,10 +55,12 @@ def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray) ->
 
 
 def _keep_depth(builder: MapBuilder, index: int, slam_map: SlamMap, keyframe: int) -> None:
-    """Let a key frame keep its depth grid, if the builder's camera can use it, and the place that depth gave it."""
+    """Let a key frame keep its depth and grey, if the builder's camera can use it, and the place that depth gave it."""
     grid = slam_map.keyframe_depth[keyframe]
     if slam_map.camera == builder.camera and grid.shape == grid_shape(builder.camera) and grid.any():
         builder.depth_grids[index] = grid
+        if slam_map.keyframe_grey[keyframe].any():
+            builder.grey_grids[index] = slam_map.keyframe_grey[keyframe]
     if np.count_nonzero(builder.landmark_of[index] >= 0) < MIN_TRACKED:
         builder.depth_carried.add(index)
 

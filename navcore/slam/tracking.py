@@ -27,6 +27,7 @@ from navcore.slam.keyframes import (
 from navcore.slam.lie import exp_se3, log_se3
 from navcore.slam.matching import DISTANCE_LOOSE, RATIO_LOCAL, match_all, match_projected, project_landmarks
 from navcore.slam.pose_factor import PoseFactor
+from navcore.slam.pose_kernels import has_slid
 from navcore.slam.rolling_shutter import velocity_between
 
 BoolArray = NDArray[np.bool_]
@@ -180,6 +181,13 @@ class FrameMatch:
     landmark_count: int
     """Landmarks among them."""
 
+    @property
+    def distinct_count(self) -> int:
+        """Points among them that are no edges."""
+        carried = self.track.carried_points
+        seen = self.track.landmark_of >= 0 if carried is None else np.isfinite(carried[:, 2])
+        return self.track.features.count_distinct(np.flatnonzero(seen).astype(np.int32))
+
 
 def refined(
     stamp_s: float,
@@ -213,11 +221,13 @@ def refined(
         camera.cy_px,
         camera.bf_px_m,
         factor,
+        features.slides_at(feature_index),
     )
+    same = inlier & ~_has_slid(camera_from_world, points, features, feature_index, camera)
     landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
-    landmark_of[feature_index[inlier]] = landmarks[inlier]
+    landmark_of[feature_index[same]] = landmarks[same]
     carried = np.full((len(features), 3), np.nan)
-    carried[feature_index[inlier]] = points[inlier]
+    carried[feature_index[same]] = points[same]
     track = Track(stamp_s, features, camera_from_world, landmark_of, information, carried)
     return FrameMatch(track, int(np.count_nonzero(inlier)), track.inlier_count)
 
@@ -241,12 +251,37 @@ def _refined_pose(
         camera.cy_px,
         camera.bf_px_m,
         factor,
+        features.slides_at(feature_index),
     )
     return found
 
 
-def agrees(
+def _has_slid(
     camera_from_world: FloatArray, points: FloatArray, features: Features, feature_index: IntArray, camera: SlamCamera
+) -> BoolArray:
+    """Return which features (m,) lie on an edge, but elsewhere on it than their points (m, 3) are seen.
+
+    They help to find the pose, and are not the same points.
+    """
+    slides = features.slides_at(feature_index)
+    if slides is None:
+        return np.zeros(len(feature_index), np.bool_)
+    return has_slid(
+        camera_from_world,
+        np.ascontiguousarray(points),
+        features.uvr_px[feature_index],
+        slides,
+        features.inv_sigma2[feature_index],
+        (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.bf_px_m),
+    )
+
+
+def agrees(
+    camera_from_world: FloatArray,
+    points: FloatArray,
+    features: Features,
+    feature_index: IntArray,
+    camera: SlamCamera,
 ) -> BoolArray:
     """Return whether each point (m, 3) is seen near where a pose (4, 4) puts it, also in depth."""
     expected = project_points(camera_from_world, points, camera)
@@ -270,6 +305,23 @@ def track_last_frame(
         if found is not None:
             return found
     return _track_by_descriptors(view, last, features, stamp_s, points, usable)
+
+
+def match_last_frame(
+    view: MapView, last: Track, features: Features, stamp_s: float, guess: FloatArray, factor: PoseFactor
+) -> FrameMatch | None:
+    """Find the pose from the points of the last frame near a guess (4, 4), weighing in what is known besides.
+
+    None where too few match.
+    """
+    points = points_of(last, view)
+    usable = np.isfinite(points[:, 2]) & ((last.landmark_of < 0) | view.landmark_alive[last.landmark_of])
+    match = _match_around(view, last, features, guess, points, usable, 1.0)
+    from_last = np.flatnonzero(match >= 0)
+    if len(from_last) < MIN_FRAME_MATCHES:
+        return None
+    landmarks = last.landmark_of[from_last]
+    return refined(stamp_s, features, guess, match[from_last], points[from_last], landmarks, view.camera, factor)
 
 
 def _match_around(
@@ -470,7 +522,7 @@ def steadied(view: MapView, matched: Track, known: PoseFactor) -> Track:
 
     The information stays that of the landmarks alone: what is known already comes from the same landmarks, frames ago.
     """
-    seen = np.flatnonzero(matched.landmark_of >= 0)
+    seen = np.flatnonzero(matched.landmark_of >= 0).astype(np.int32)
     features, camera = matched.features, view.camera
     camera_from_world, inlier, _ = pose.refine_pose(
         matched.camera_from_world,
@@ -483,6 +535,7 @@ def steadied(view: MapView, matched: Track, known: PoseFactor) -> Track:
         camera.cy_px,
         camera.bf_px_m,
         known,
+        features.slides_at(seen),
     )
     landmark_of = np.full(len(features), NO_LANDMARK, np.int32)
     landmark_of[seen[inlier]] = matched.landmark_of[seen[inlier]]

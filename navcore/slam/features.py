@@ -94,7 +94,7 @@ class FeatureExtractor:
             descriptors,
             cell_start,
             self._columns,
-            slides[order],
+            slides=slides[order],
         )
 
     def _pyramid(self, grey: ByteArray) -> list[ByteArray]:

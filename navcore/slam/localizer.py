@@ -8,8 +8,9 @@ called Localized only when map, motion and depth image agree.
 States, from frame to frame:
 
 - *Lost* (no state): every frame searches the whole map. A place that convinces, without a rival, makes it Uncertain.
-- *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row; its covariance
-  allows for a mistaken place. A match that moves the pose farther than its uncertainty begins this anew.
+- *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row that show many
+  landmarks; its covariance allows for a mistaken place. A match that moves the pose farther than its uncertainty
+  begins this anew.
 - *Localized*: confirmed, matched with the map within ``MAX_UNMATCHED_S``, and sure enough.
 - *Uncertain, carried*: surfaces or odometry carry the pose on, the covariance grows, and the whole map is searched
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
@@ -339,7 +340,11 @@ class Localizer:
     def _with_map(self, state: LocalizerState, moved: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
         shift_m = float(np.linalg.norm(centre_of(matched.track) - centre_of(moved)))
         drift_m = 3.0 * float(np.sqrt(np.trace(drifted(state.covariance, state.last, moved)[:3, :3])))
-        confirmations = 1 if shift_m > max(JUMP_M, drift_m) else min(state.confirmations + 1, CONFIRMATIONS)
+        # Bare corridors look alike: few landmarks do not tell that the place is the right one, however often.
+        told = min(state.confirmations + 1, CONFIRMATIONS)
+        if not state.is_confirmed and matched.fisheye is None and is_sparse(matched.track):
+            told = state.confirmations
+        confirmations = 1 if shift_m > max(JUMP_M, drift_m) else told
         return self._matched(state, matched, frame, confirmations)
 
     def _matched(

@@ -12,7 +12,7 @@ import numpy as np
 
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
-from navcore.slam import depth_alignment, fisheye, fisheye_pose, lie, triangulation
+from navcore.slam import depth_alignment, fisheye, fisheye_pose, lie, shading_alignment, triangulation
 from navcore.slam.features import feature_count_for
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.localizer import Localizer
@@ -57,6 +57,7 @@ def rehearse(count: int) -> tuple[Mapper, Localizer, FloatArray]:
 def warm_up() -> None:
     """Compile every kernel of mapping and localization."""
     depth_alignment.warm_up()
+    shading_alignment.warm_up()
     lie.warm_up()
     fisheye.warm_up()
     fisheye_pose.warm_up()

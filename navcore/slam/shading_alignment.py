@@ -16,7 +16,7 @@ import numpy as np
 
 from navcore.geometry import FloatArray
 from navcore.slam.depth_alignment import SCALE, moved_by
-from navcore.slam.depth_model import DepthModel, cell_of
+from navcore.slam.depth_model import DepthModel, cell_of, depth_model
 from navcore.slam.keyframes import ByteArray, SlamCamera
 from navcore.slam.pose_factor import factor_error
 from navcore.slam.shading_kernels import NUISANCES, MaskArray, accumulate_shading, calm_cells
@@ -165,3 +165,11 @@ def _returns(reference: ShadedView, seen: ShadedView, pose: FloatArray, free: Fl
             if float(np.abs(known @ away).max()) > RETURNED_M:
                 return False
     return True
+
+
+def warm_up() -> None:
+    """Compile this module's kernels."""
+    camera = SlamCamera(320, 240, 230.0, 230.0, 160.0, 120.0, 100.0)
+    model = depth_model(np.full((240, 320), 2.0, np.float32), camera)
+    view = ShadedView.of(model, np.full(model.grid.shape, 128, np.uint8))
+    align_shading(view, view, np.eye(4), np.eye(6)[:1])

@@ -23,8 +23,9 @@ from navcore.slam.features import GRID_PX, sort_into_cells
 from navcore.slam.keyframes import MAX_READOUT_S, Features, SlamCamera
 from navcore.slam.lie import inverse_se3, log_se3, product
 
-MAX_VELOCITY_GAP_S = 0.15
-"""Between poses farther apart than this a hand-held camera may have turned to and fro: its velocity is not known."""
+MAX_VELOCITY_GAP_S = 0.08
+"""Between poses farther apart than this a head may have turned to and fro: what led from one to the other is not the
+velocity at the second. At 10 pictures a second a camera without readout seemed to have one of 1 ms."""
 DRIFT = 0.5
 """Share of what was known that still counts when the map says anew how long the readout takes: both rest on nearly the
 same observations, but the later ones had better places to start from."""

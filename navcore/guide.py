@@ -69,6 +69,8 @@ _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
+_BODY_M = 0.25
+"""From the camera to the front of the body."""
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
@@ -201,7 +203,8 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     # Who walks fast needs more than the stop distance to come to a stand.
-    stop_m = max(settings.obstacle.stop_distance_m, stopping_distance_m(trace.speed_m_s, settings.follower))
+    stopping_m = _BODY_M + stopping_distance_m(trace.speed_m_s, settings.follower)
+    stop_m = max(settings.obstacle.stop_distance_m, stopping_m)
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")

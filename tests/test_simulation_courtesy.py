@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from device_agent.simulation.courtesy import Courtesy, beside_path, given_way
+from device_agent.simulation.courtesy import Courtesy, Seen, beside_path, given_way
 from device_agent.simulation.obstacles import walking_person
 from device_agent.simulation.renderer import Placement
 
@@ -21,7 +21,7 @@ def met(walker_at, *, room_m: float = 5.0, seconds: float = 8.0):
         on_path = Placement(6.0 - (now_s - courtesy.waited_s), 0.0, math.pi)
         placement = beside_path(on_path, courtesy)
         walker = walker_at(now_s)
-        courtesy = given_way(courtesy, placement, *walker, lambda _x, y: abs(y) <= room_m, DT_S)
+        courtesy = given_way(courtesy, placement, Seen(*walker), lambda _x, y: abs(y) <= room_m, DT_S)
         trail.append((placement.x_m, placement.y_m, *walker))
     return trail, courtesy
 
@@ -56,3 +56,19 @@ def test_who_has_walked_their_way_stands_for_a_while_before_they_come_back() -> 
     assert places == pytest.approx(
         {0: 0.0, 2: 0.0, 4: 2.0, 6: 4.0, 8: 4.0, 10.9: 4.0, 12: 3.0, 15: 0.0, 19: 0.0, 20: 0.0, 21: 1.0}
     )
+
+
+@pytest.mark.parametrize("speed_m_s", [0.6, 0.9])
+@pytest.mark.parametrize("gap_m", [1.0, 1.6, 2.2])
+def test_nobody_steps_into_the_walkers_way_right_before_them(speed_m_s: float, gap_m: float) -> None:
+    """Somebody comes from the side, along +y; the walker goes along +x and would be there at the same time."""
+    courtesy, nearest_m, walker_x = Courtesy(), math.inf, -gap_m
+    for k in range(400):
+        placement = beside_path(Placement(0.0, -1.2 + 0.9 * (k * DT_S - courtesy.waited_s), math.pi / 2), courtesy)
+        assert placement is not None
+        walker_x += speed_m_s * DT_S
+        seen = Seen(walker_x, 0.0, speed_m_s, 0.0)
+        courtesy = given_way(courtesy, placement, seen, lambda _x, _y: True, DT_S)
+        nearest_m = min(nearest_m, math.hypot(placement.x_m - walker_x, placement.y_m))
+    assert nearest_m > 0.6
+    assert placement.y_m > 1.0, "afterwards they go on"

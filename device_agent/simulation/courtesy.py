@@ -20,6 +20,10 @@ _BROAD_M = 0.6
 _STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
 _FARTHEST_ASIDE_M = 0.9
 _PATIENCE_S = 4.0
+_PASSED_M = 1.2
+"""Who has passed the walker goes back to their path when they are so far away."""
+_PACE_M_S, _FORESEES_S, _YIELDS_WITHIN_M = 0.9, 2.0, 2.5
+"""Who would cross just before somebody waits until they have passed."""
 _GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
 """Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""
 IsFree = Callable[[float, float], bool]
@@ -44,25 +48,36 @@ def beside_path(placement: Placement | None, courtesy: Courtesy) -> Placement | 
     return replace(placement, x_m=placement.x_m + courtesy.aside_m[0], y_m=placement.y_m + courtesy.aside_m[1])
 
 
-def given_way(
-    courtesy: Courtesy, placement: Placement, x_m: float, y_m: float, is_free: IsFree, dt_s: float
-) -> Courtesy:
-    """Return how somebody gives way in the next moment to the walker at (x, y).
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What people see of the walker. Metres, metres a second."""
+
+    x_m: float
+    y_m: float
+    vx_m_s: float = 0.0
+    vy_m_s: float = 0.0
+
+
+def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: IsFree, dt_s: float) -> Courtesy:
+    """Return how somebody gives way to the walker in the next moment.
 
     Args:
         courtesy: how far they have so far.
         placement: where they are, beside their path.
-        x_m: the walker's place.
-        y_m: the same.
-        is_free: whether a person has room at a place.
+        walker: what they see of the walker.
+        is_free: whether a person has room at a place (x, y).
         dt_s: the moment's length.
     """
-    dx_m, dy_m = x_m - placement.x_m, y_m - placement.y_m
+    dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
     c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
     ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
     distance_m = math.hypot(dx_m, dy_m)
     if courtesy.standing_s > _PATIENCE_S:
         return _making_room(courtesy, dt_s)
+    if ahead_m <= 0.0 and distance_m < _PASSED_M:
+        return replace(courtesy, standing_s=0.0)
+    if _would_cross_before(placement, walker):
+        return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=0.0)
     if ahead_m <= 0.0 or distance_m > _NOTICED_M:
         return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s), standing_s=0.0)
     if abs(left_m) < _IN_THE_WAY_M:
@@ -71,6 +86,23 @@ def given_way(
     if distance_m >= _STOPS_M or abs(left_m) >= _BROAD_M:
         return replace(courtesy, standing_s=0.0)
     return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
+
+
+def _would_cross_before(placement: Placement, walker: Seen) -> bool:
+    """Whether somebody beside the walker's way would come into it right before them."""
+    speed_m_s = math.hypot(walker.vx_m_s, walker.vy_m_s)
+    dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
+    if speed_m_s < 0.2 or math.hypot(dx_m, dy_m) > _YIELDS_WITHIN_M:
+        return False
+    beside_m = abs(walker.vx_m_s * dy_m - walker.vy_m_s * dx_m) / speed_m_s
+    is_before = -(walker.vx_m_s * dx_m + walker.vy_m_s * dy_m) > 0.0
+    if beside_m < _IN_THE_WAY_M or not is_before:
+        # In the walker's way already: to go on clears it soonest. Behind them: nobody is in anybody's way.
+        return False
+    vx = walker.vx_m_s - _PACE_M_S * math.cos(placement.yaw_rad)
+    vy = walker.vy_m_s - _PACE_M_S * math.sin(placement.yaw_rad)
+    when_s = min(_FORESEES_S, max(0.0, -(dx_m * vx + dy_m * vy) / max(vx * vx + vy * vy, 1e-9)))
+    return math.hypot(dx_m + when_s * vx, dy_m + when_s * vy) < _IN_THE_WAY_M
 
 
 def _making_room(courtesy: Courtesy, dt_s: float) -> Courtesy:

@@ -19,7 +19,7 @@ from device_agent.simulation.building import (
     touchable,
 )
 from device_agent.simulation.conditions import EASY, Conditions, captured
-from device_agent.simulation.courtesy import Courtesy, beside_path, given_way
+from device_agent.simulation.courtesy import Courtesy, Seen, beside_path, given_way
 from device_agent.simulation.gait import USUAL_GAIT, USUAL_MOUNT, Gait, HeadMount, advance_phase, head_pose
 from device_agent.simulation.renderer import Placement, Renderer
 from device_agent.simulation.sensors import (
@@ -199,11 +199,11 @@ class SimulatedWorld:
     def _give_way(self, placements: tuple[Placement | None, ...], dt_s: float) -> None:
         """People who walk their way give way to the walker; whatever else moves knows itself what it does."""
         body = self._body
+        c, s = math.cos(body.heading_rad), math.sin(body.heading_rad)
+        seen = Seen(body.x_m, body.y_m, body.speed_mps * c, body.speed_mps * s)
         for number, (mover, placement) in enumerate(zip(self.building.movers, placements, strict=True)):
             if placement is not None and isinstance(mover, Mover):
-                self._courtesies[number] = given_way(
-                    self._courtesies[number], placement, body.x_m, body.y_m, self._has_room, dt_s
-                )
+                self._courtesies[number] = given_way(self._courtesies[number], placement, seen, self._has_room, dt_s)
 
     def _has_room(self, x_m: float, y_m: float) -> bool:
         return push_from_solids(self._solids, x_m, y_m)[0] >= _ROOM_FOR_A_PERSON_M

@@ -245,7 +245,8 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     )  # fmt: skip
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
-        best = widest_direction(walkable(cycle.scan.candidates, narrow_m), there.expected, heading)
+        narrow = _towards(cycle, error, walkable(cycle.scan.candidates, narrow_m))
+        best = widest_direction(narrow, there.expected, heading)
         return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
     if best is not None and settings.follower.policy == "road_centred":
         best = between_candidates(best, error, math.radians(settings.obstacle.candidate_step_deg))
@@ -285,6 +286,9 @@ def _narrow_m(cycle: _Cycle) -> float:
 def _may_be_narrow(cycle: _Cycle, trace: DecisionTrace) -> bool:
     """Whether the walker may walk where less than δ is free: they began so, or they stand."""
     before = cycle.previous
+    if trace.uncertain_since_s is not None:
+        # Who does not know where they are has no business in narrow places.
+        return False
     if before is None:
         return True
     if before.action is Action.WALK:

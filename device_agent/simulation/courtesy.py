@@ -17,6 +17,8 @@ _STOPS_M = 0.9
 _IN_THE_WAY_M = 0.8
 """Sideways distance at which two people pass each other."""
 _BROAD_M = 0.6
+_IN_THE_LANE_M = 0.55
+"""Nearer than this to where the walker walks, somebody is in their way already."""
 _STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
 _FARTHEST_ASIDE_M = 0.9
 _PATIENCE_S = 4.0
@@ -96,7 +98,7 @@ def _would_cross_before(placement: Placement, walker: Seen) -> bool:
         return False
     beside_m = abs(walker.vx_m_s * dy_m - walker.vy_m_s * dx_m) / speed_m_s
     is_before = -(walker.vx_m_s * dx_m + walker.vy_m_s * dy_m) > 0.0
-    if beside_m < _IN_THE_WAY_M or not is_before:
+    if beside_m < _IN_THE_LANE_M or not is_before:
         # In the walker's way already: to go on clears it soonest. Behind them: nobody is in anybody's way.
         return False
     vx = walker.vx_m_s - _PACE_M_S * math.cos(placement.yaw_rad)

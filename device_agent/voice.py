@@ -44,16 +44,15 @@ class Voice:
         cues, self._memory = say(text, self._memory, settings, now_s)
         return self._played(cues, now_s)
 
-    def repeat(self, settings: Settings, now_s: float) -> tuple[Cue, ...]:
-        """Say the last sentence again."""
-        cues, self._memory = repeat_last(self._memory, settings, now_s)
+    def repeat(self, guidance: Guidance, settings: Settings, now_s: float) -> tuple[Cue, ...]:
+        """Say the last sentence again, if it is still true."""
+        cues, self._memory = repeat_last(guidance, self._memory, settings, now_s)
         return self._played(cues, now_s)
 
     def _overruled(self, now_s: float) -> None:
         """The watchdog has said *Stop* in between: whatever else holds is to be said anew."""
-        bus = CueBus(repeatable=self._memory.bus.repeatable)
         self._memory = replace(
-            self._memory, bus=bus, told_action=Action.STOP, told_reason=Reason.SENSOR_STALE, told_s=now_s
+            self._memory, bus=CueBus(), told_action=Action.STOP, told_reason=Reason.SENSOR_STALE, told_s=now_s
         )
 
     def _resting(self, state: DeviceState, guidance: Guidance) -> Guidance:

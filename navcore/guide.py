@@ -159,7 +159,7 @@ def guide(
     if pose is None or localization.quality is LocalizationQuality.LOST or not _is_finite(pose):
         return _lost(cycle, trace, "the pose is lost")
     uncertain = localization.quality is LocalizationQuality.UNCERTAIN
-    if uncertain and cycle.previous is not None and cycle.previous.reason is Reason.POSE_LOST:
+    if uncertain and trace.sure_count is not None:
         return _lost(cycle, trace, "the pose was lost and is not certain again")
     if trace.uncertain_since_s is not None and (
         stamp_s - trace.uncertain_since_s > settings.localization.uncertain_hold_s
@@ -173,7 +173,9 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     follower, before = cycle.settings.follower, cycle.previous
     if before is not None and before.reason is Reason.ARRIVED:
         return cycle.stop(Reason.ARRIVED, replace(trace, sub_goal=before.trace.sub_goal), "arrived before")
-    there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, cycle.scan, cycle.settings)
+    # Who is not sure where they are is not led beside the road.
+    known = cycle.scan if trace.uncertain_since_s is None else None
+    there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, known, cycle.settings)
     trace = replace(
         trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
         deviation_m=there.deviation_m, offset_m=there.offset_m,
@@ -210,7 +212,7 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
     if trace.sonar_m is not None and trace.sonar_m < stop_m:
         return _before_echo(cycle, error, trace, "echo nearer than the stop distance")
-    if best is None or narrows:
+    if best is None or narrows or best.clearance_m < stop_m:
         reason = _blocking_reason(cycle, error)
         return _before_obstacle(
             cycle, error, trace, reason, f"D is empty: nothing is free for {trace.required_m:.1f} m"
@@ -419,7 +421,7 @@ def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
     since_s = cycle.stamp_s if before is None or before.lost_since_s is None else before.lost_since_s
-    trace = replace(trace, lost_index=index, lost_since_s=since_s)
+    trace = replace(trace, lost_index=index, lost_since_s=since_s, sure_count=0)
     if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
         return cycle.stop(Reason.POSE_LOST, trace, why)
     trace = replace(trace, turn=TurnKind.LOOK)
@@ -433,6 +435,9 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     uncertain_since_s = None if before is None else before.uncertain_since_s
     stopped_since_s = None if before is None else before.stopped_since_s
     sure = localization.quality is LocalizationQuality.LOCALIZED
+    sure_count = None if before is None or before.sure_count is None else before.sure_count + 1 if sure else 0
+    if sure_count is not None and sure_count >= cycle.settings.obstacle.leave_frames_count:
+        sure_count = None
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
         position=None if pose is None else (pose.x_m, pose.y_m),
@@ -444,5 +449,6 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         sonar_m=echo_distance_m(cycle.sonar),
         stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,
         look_count=0 if before is None else before.look_count,
+        sure_count=sure_count,
         uncertain_since_s=None if sure else cycle.stamp_s if uncertain_since_s is None else uncertain_since_s,
     )

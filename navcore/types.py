@@ -433,6 +433,8 @@ class DecisionTrace:
     """Index of P_cls in the route (Eq. 1)."""
     lost_index: int | None = None
     """P_cls when the pose was lost; None while it is known."""
+    sure_count: int | None = None
+    """Frames in a row with a sure pose since it was lost; None once they were enough, and while it was not."""
     lost_since_s: float | None = None
     """Since when the pose has been lost; None while it is known."""
     deviation_m: float | None = None

@@ -151,8 +151,23 @@ def test_a_message_waits_for_what_is_more_important_and_can_be_repeated():
     assert now == ()
     later, memory = cues_for(guidance(Action.STOP, 2.0, None, Reason.PAUSED), memory, ROUTE, SETTINGS, 2.0)
     assert [cue.text for cue in later] == ["Your friend is coming."]
-    again, _ = repeat_last(memory, SETTINGS, 9.0)
+    again, _ = repeat_last(guidance(Action.STOP, 9.0, None, Reason.PAUSED), memory, SETTINGS, 9.0)
     assert [cue.text for cue in again] == ["Your friend is coming."]
+
+
+def test_an_instruction_is_repeated_only_while_it_holds():
+    walking = guidance(Action.WALK, 0.0, 0.0)
+    played, memory = cues_for(walking, CueMemory(), ROUTE, SETTINGS, 0.0)
+    assert kinds(list(played)) == [CueKind.WALK]
+    again, repeated = repeat_last(replace(walking, stamp_s=3.0), memory, SETTINGS, 3.0)
+    assert [cue.text for cue in again] == [cue.text for cue in played]
+    stop = guidance(Action.STOP, 3.2, None, Reason.OBSTACLE_DEPTH)
+    assert repeat_last(stop, memory, SETTINGS, 3.2)[0] == ()
+    said, repeated = cues_for(stop, repeated, ROUTE, SETTINGS, 3.2)
+    for tenth in range(33, 100):
+        late, repeated = cues_for(replace(stop, stamp_s=tenth / 10), repeated, ROUTE, SETTINGS, tenth / 10)
+        said += late
+    assert {cue.kind for cue in said} == {CueKind.STOP}, "what was cut off by a stop does not come back after it"
 
 
 spoken = st.builds(

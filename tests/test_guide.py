@@ -338,6 +338,39 @@ def test_who_stays_lost_is_turned_once_round_and_never_sent_on():
     assert actions[-1][1] is Action.STOP
 
 
+@pytest.mark.parametrize("lost_s", [1.0, 4.5])
+@pytest.mark.parametrize("headings_deg", [(0.0,) * 20, (90.0, 60.0, 30.0, *(0.0,) * 17)])
+def test_one_sure_frame_after_a_loss_is_not_enough_to_walk_on_by_unsure_ones(
+    lost_s: float, headings_deg: tuple[float, ...]
+):
+    result, stamp_s = decide(at(2.0), seen(at(2.0))), 0.0
+    while stamp_s < lost_s:
+        stamp_s += 0.1
+        result = decide(at(2.0, stamp_s=stamp_s, quality="lost"), seen(at(2.0)), result)
+    for number, heading_deg in enumerate(headings_deg):
+        stamp_s += 0.1
+        here = at(2.0, 0.0, heading_deg, stamp_s=stamp_s, quality="localized" if number == 0 else "uncertain")
+        result = decide(here, seen(here), result)
+        assert result.action is not Action.WALK
+
+
+def test_who_is_unsure_of_the_place_is_not_led_beside_the_road():
+    """A box on the road, and room to pass it: known for sure, a line leads round; else δ must be free."""
+    scene = (box(-1, 0.95, 8, 1.15), box(-1, -1.35, 8, -1.15), box(3.9, -0.3, 4.3, 0.3))
+    sure, unsure = at(2.0), at(2.0, quality="uncertain")
+    assert decide(sure, seen(sure, *scene)).trace.offset_m != 0.0
+    assert decide(unsure, seen(unsure, *scene)).trace.offset_m == 0.0
+
+
+def test_no_direction_is_walked_that_leaves_less_than_the_way_to_stop():
+    before, here = walking_at(1.1)
+    scene = (box(-1, 0.95, 8, 1.15), box(-1, -1.35, 8, -1.15), box(3.9, -0.3, 4.3, 0.3))
+    result = decide(here, seen(here, *scene), before)
+    if result.action is Action.WALK:
+        walked = min(result.trace.candidates, key=lambda each: abs(each.angle - result.direction))
+        assert walked.clearance_m > 1.1 * SETTINGS.follower.reaction_s + 1.1**2 / 2.4
+
+
 def test_a_wanted_way_whose_beginning_is_not_known_is_a_lost_pose():
     here = at(2.0, quality="lost")
     result = decide(here, seen(at(2.0)), route=None, wanted=True)

@@ -149,7 +149,8 @@ def test_it_is_forgotten_when_the_rangefinder_hears_farther_there_or_in_time() -
     pose = Pose2D(0.0, 0.0, world_angle(0.0))
     memory = heard(1.0, pose, heard(1.0, pose), now_s=0.1)
     assert len(memory.cell)
-    assert not len(heard(4.25, pose, memory, now_s=0.2).cell)
+    assert len(heard(4.25, pose, memory, now_s=0.2).cell) == len(memory.cell), "one echo that fails says nothing"
+    assert not len(heard(4.25, pose, memory, now_s=0.8).cell)
     assert len(heard(None, pose, memory, now_s=5.0).cell), "a rangefinder that fails shows nothing to be free"
     assert not len(heard(None, pose, memory, now_s=20.0).cell)
 

@@ -24,6 +24,7 @@ from navcore.slam.rolling_shutter import (
     MAX_VELOCITY_GAP_S,
     ReadoutTime,
     sorted_anew,
+    unroll,
     unrolled,
     velocity_between,
 )
@@ -294,3 +295,20 @@ def test_a_map_that_does_not_say_its_readout_has_none_and_an_impossible_one_is_d
     assert SlamMap.from_arrays({k: a for k, a in arrays.items() if k != "readout_s"}).readout_s[0] == 0.0
     with pytest.raises(SiteError, match="reads a picture"):
         SlamMap.from_arrays({**arrays, "readout_s": np.array([1.0])})
+
+
+@pytest.mark.parametrize(("step_m", "step_s"), [(0.1, 0.001), (0.28, 1 / 30), (3.0, 0.05)])
+def test_a_pose_that_was_put_right_is_no_velocity(step_m: float, step_s: float) -> None:
+    later = np.eye(4)
+    later[0, 3] = step_m
+    assert not velocity_between(np.eye(4), later, step_s).any()
+
+
+def test_no_velocity_turns_a_picture_inside_out() -> None:
+    """Whatever velocity is believed, nothing comes behind the camera or out of all bounds."""
+    seen = np.array([[320.0, 10.0, 320.0 - 40.0 / 1.5], [100.0, 470.0, 100.0 - 40.0 / 0.5]])
+    for velocity in ((0, 0, 100.0, 0, 0, 0), (0, 0, -100.0, 0, 0, 0), (0, 0, 40.0, 3.0, 0, 0)):
+        uvr, depth = unroll(seen, np.array(velocity, dtype=np.float64), 0.03, 480, 500.0, 500.0, 320.0, 240.0, 40.0)
+        assert np.isfinite(uvr).all()
+        assert (depth > 0.2).all()
+        assert (np.abs(uvr[:, :2]) < 2000.0).all()

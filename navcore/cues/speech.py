@@ -80,12 +80,15 @@ def say(text: str, memory: CueMemory, settings: Settings, now_s: float) -> tuple
     return played, replace(memory, bus=bus)
 
 
-def repeat_last(memory: CueMemory, settings: Settings, now_s: float) -> tuple[tuple[Cue, ...], CueMemory]:
-    """Say the last sentence again, where there is one."""
+def repeat_last(
+    guidance: Guidance, memory: CueMemory, settings: Settings, now_s: float
+) -> tuple[tuple[Cue, ...], CueMemory]:
+    """Say the last sentence again, where there is one that is still true."""
     last = memory.bus.repeatable
-    if last is None:
+    if last is None or not _still_holds(last, guidance, settings):
         return (), memory
-    again = replace(last, stamp_s=now_s, angle_deg=None, kind=CueKind.MESSAGE)
+    repeats = last.repeats or last.kind
+    again = replace(last, stamp_s=now_s, angle_deg=None, kind=CueKind.MESSAGE, repeats=repeats)
     played, bus = cue_bus.play(memory.bus, [again], now_s, settings.cues.language, lambda _: True)
     memory, bus = _cut_off(memory, memory, played, bus, now_s)
     return played, replace(memory, bus=bus)
@@ -226,11 +229,12 @@ def _still_holds(cue: Cue, guidance: Guidance, settings: Settings) -> bool:
         CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK,
         CueKind.HAZARD_AHEAD: Action.WALK, CueKind.EXPLANATION: Action.STOP,
     }  # fmt: skip
-    if cue.kind in ANNOUNCEMENTS and cue.kind not in holds_while:
+    kind = cue.repeats or cue.kind
+    if kind in ANNOUNCEMENTS and kind not in holds_while:
         return is_straight(guidance, settings)
-    if cue.kind is CueKind.ARRIVED:
+    if kind is CueKind.ARRIVED:
         return guidance.reason is Reason.ARRIVED
-    return cue.kind not in holds_while or guidance.action is holds_while[cue.kind]
+    return kind not in holds_while or guidance.action is holds_while[kind]
 
 
 def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -> CueMemory:

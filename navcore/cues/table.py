@@ -186,6 +186,8 @@ class Cue:
     """Pitch of the tone; None for pure speech."""
     duration_s: float = 0.0
     """Length of the tone."""
+    repeats: CueKind | None = None
+    """Kind of the cue whose words a message says again; they are said only while that would still be true."""
     pan: float = 0.0
     """Place of the tone between the ears: −1 left, +1 right."""
 

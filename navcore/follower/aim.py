@@ -32,7 +32,12 @@ class Aim:
 
 
 def aim(
-    route: Route, pose: Pose2D, speed_m_s: float, before: DecisionTrace | None, scan: ObstacleScan, settings: Settings
+    route: Route,
+    pose: Pose2D,
+    speed_m_s: float,
+    before: DecisionTrace | None,
+    scan: ObstacleScan | None,
+    settings: Settings,
 ) -> Aim:
     """Return where to go next.
 
@@ -41,7 +46,8 @@ def aim(
         pose: where the walker is.
         speed_m_s: how fast they have been walking lately.
         before: the trace of the frame before on the same route; None at the start.
-        scan: what is known to be in the way; the paper's policy looks at it only later.
+        scan: what is known to be in the way, to go round it; None where nobody is to be led beside the road. The
+            paper's policy looks at it only later.
         settings: ``follower.policy`` chooses the policy.
     """
     follower = settings.follower
@@ -55,7 +61,7 @@ def aim(
         goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
         return Aim(closest_index, deviation_m, goal, expected_direction(goal, pose), distance_to(goal, pose))
     goal = road_centred.select_aim(route, closest_index, speed_m_s, last_goal, follower)
-    line = _line(route, closest_index, goal, pose, speed_m_s, before, scan, settings)
+    line = None if scan is None else _line(route, closest_index, goal, pose, speed_m_s, before, scan, settings)
     if line is not None:
         reach_m = math.hypot(line.x_m - pose.x_m, line.y_m - pose.y_m)
         expected = world_angle(direction_rad(line, pose))

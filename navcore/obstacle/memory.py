@@ -36,6 +36,8 @@ _SEEN_TWICE = 2
 _GONE_MARGIN_M = 0.3
 _HEARD_FORGOTTEN_AFTER_S = 8.0
 _HEARD_WITHIN_M = 2.0
+_SILENT_FOR_S = 0.5
+"""An echo that fails to come once or twice says nothing: a pane that is met aslant returns few."""
 _UNSEEN_MARGIN_M = 0.4
 """An echo that is so much nearer than all that the image shows about it comes from what the image does not show."""
 _ABOUT_RAD = math.radians(10.0)
@@ -107,7 +109,7 @@ def remember_heard(
         return heard.kept(kept)
     reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)
     silent = (np.abs(bearing_rad) < reached_rad) & (range_m < echo_m - _GONE_MARGIN_M)
-    heard = heard.kept(kept & ~silent)
+    heard = heard.kept(kept & ~(silent & (now_s - heard.seen_s > _SILENT_FOR_S)))
     about = np.abs(scan.bearing_rad) <= _ABOUT_RAD
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))
     if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:

@@ -30,8 +30,6 @@ MAX_FREE = 3
 """Directions that may stay open: a single wall leaves three."""
 MIN_KNOWN_SHARE = 0.15
 """Share of the image that must show surfaces."""
-COMPLETED_SIGMA_M = 0.02
-"""Standard deviation to which points must fix what surfaces leave open."""
 MOTION_SIGMA_M_S = 0.4
 MOTION_SIGMA_RAD_S = 0.5
 """By how much a walker's velocity differs from that of the moment before, standard deviation."""
@@ -117,13 +115,6 @@ class Carried:
     def motion_information(self) -> FloatArray:
         """(6, 6): the part of the information that only the motion model gives."""
         return self.factor.information - self.alignment.information
-
-    def is_completed_by(self, information: FloatArray) -> bool:
-        """Return whether points, whose information (6, 6) is given, fix what the surfaces leave open."""
-        lever = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
-        free = self.alignment.free_directions
-        along = np.einsum("ki,ij,kj->k", free, information / np.outer(lever, lever), free)
-        return bool(np.all(along > COMPLETED_SIGMA_M**-2.0))
 
 
 def carry(

@@ -97,10 +97,11 @@ def refine_with_fisheye(
     camera: SlamCamera,
     seen: FisheyeObservations,
     known: PoseFactor | None = None,
+    slides: FloatArray | None = None,
 ) -> JointPose:
     """Refine the depth camera's pose on what both cameras see.
 
-    ``points`` (n, 3), ``observations`` (n, 3) and ``inv_sigma2`` (n,) are the depth camera's, as
+    ``points`` (n, 3), ``observations`` (n, 3), ``inv_sigma2`` (n,) and ``slides`` (n, 3) are the depth camera's, as
     :func:`navcore.slam.pose.refine_pose` takes them; n may be 0. ``known`` is what is known of the pose from elsewhere:
     it steadies the pose, but the information stays that of the landmarks, from which it may have come, frames ago.
     """
@@ -121,6 +122,7 @@ def refine_with_fisheye(
             camera.cy_px,
             camera.bf_px_m,
             factor,
+            slides,
         )
         moved = float(np.abs(log_se3(np.ascontiguousarray(refined @ np.linalg.inv(pose)))).max())
         pose = refined

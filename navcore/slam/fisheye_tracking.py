@@ -172,6 +172,7 @@ def _refined(
         view.camera,
         observations(view, fisheye, seen, landmarks, features),
         known,
+        track.features.slides_at(own.astype(np.int32)),
     )
     landmark_of = np.full(len(track.landmark_of), NO_LANDMARK, np.int32)
     landmark_of[own[pose.inlier]] = held[pose.inlier]

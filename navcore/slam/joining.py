@@ -23,6 +23,7 @@ from navcore.slam.loop_verification import VerifiedLoop
 from navcore.slam.map import MapBuilder
 from navcore.slam.overlap import camera_centres, find_overlap
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
+from navcore.slam.rolling_shutter import ReadoutTime
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import graft, thaw
 from navcore.slam.tracking import local_landmarks
@@ -99,6 +100,9 @@ def _refuse_foreign_camera(known: SlamMap, new: SlamMap) -> None:
 def _side_by_side(known: SlamMap, new: SlamMap, known_from_new: FloatArray) -> tuple[MapBuilder, IntArray, IntArray]:
     """Return a builder that holds both maps, and the key frames (a,) and (b,) of each."""
     builder = thaw(known, int(np.diff(new.feature_start).max()))
+    if builder.readout.seconds == 0.0 and known.camera == new.camera:
+        # The map that was there is older than what is known of its camera.
+        builder.readout = ReadoutTime(float(new.readout_s[0]))
     new_index = graft(builder, new, known_from_new)
     return builder, np.arange(known.keyframe_count, dtype=np.int32), new_index
 

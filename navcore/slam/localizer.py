@@ -48,7 +48,7 @@ from navcore.slam.pose_uncertainty import (
     with_ambiguity,
 )
 from navcore.slam.relocalization import is_same_place, proposals
-from navcore.slam.rolling_shutter import MIN_READOUT_S, sorted_anew, unrolled
+from navcore.slam.rolling_shutter import KEPT_SHARE, MIN_READOUT_S, sorted_anew, unrolled
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
@@ -104,7 +104,8 @@ class Localizer:
         self._settings = settings
         camera = SlamCamera.of(intrinsics, slam_map.camera.bf_px_m)
         self._map = replace(slam_map, camera=camera)
-        self._readout_s = float(slam_map.readout_s[0])
+        # Another camera reads its pictures otherwise.
+        self._readout_s = float(slam_map.readout_s[0]) if camera == slam_map.camera else 0.0
         count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
         self._extractor = FeatureExtractor(intrinsics, camera, count)
         poses = slam_map.camera_from_world
@@ -157,7 +158,9 @@ class Localizer:
             return match
         velocity = velocity_of(track, state.last)
         features = unrolled(track.features, velocity, self._readout_s, self._map.camera)
-        return replace(match, track=seen_again(self._map, track, features))
+        again = seen_again(self._map, track, features)
+        # Where the step is a pose put right rather than a movement, fewer landmarks agree.
+        return replace(match, track=again) if again.inlier_count >= KEPT_SHARE * track.inlier_count else match
 
     # ------------------------------------------------------------------------------------------- following
     def _follow(self, state: LocalizerState, frame: Frame, features: Features) -> LocalizerState | None:

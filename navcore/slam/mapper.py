@@ -30,7 +30,7 @@ from navcore.slam.pace import Pace
 from navcore.slam.pose_factor import PoseFactor
 from navcore.slam.pose_uncertainty import is_reachable, is_walkable
 from navcore.slam.relocalization import relocalize
-from navcore.slam.rolling_shutter import MIN_READOUT_S, sorted_anew, unrolled
+from navcore.slam.rolling_shutter import KEPT_SHARE, MIN_READOUT_S, sorted_anew, unrolled
 from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
@@ -235,7 +235,8 @@ class Mapper:
         features = unrolled(track.features, self._velocity, readout_s, camera)
         if self._carried is not None or is_sparse(track) or abs(readout_s) < MIN_READOUT_S:
             return replace(track, features=features)
-        return seen_again(self.builder, track, features)
+        again = seen_again(self.builder, track, features)
+        return again if again.inlier_count >= KEPT_SHARE * track.inlier_count else track
 
     def _tell_first(self, stamp_s: float) -> None:
         """Tell a key frame that nothing led to how fast the camera was: what led from it to the next frame says it."""
@@ -484,7 +485,8 @@ class Mapper:
             self._carried is not None and self._carried.is_complete and is_sparse(track)
         ):
             self.builder.depth_carried.add(index)
-        self.builder.unroll(index, self._velocity)
+        if self._velocity.any():
+            self.builder.unroll(index, self._velocity)
         self._reference, self._last_keyframe_s, self._most_tracked = index, track.stamp_s, 0
         self._local.begin(index)
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from navcore.geometry import FloatArray
-from navcore.slam.bundle_adjustment import bundle_adjust
+from navcore.slam.bundle_adjustment import BundleResult, bundle_adjust
 from navcore.slam.keyframes import Features, IntArray
 from navcore.slam.map import BoolArray, MapBuilder, Observations
 from navcore.slam.matching import DISTANCE_STRICT, match_projected, project_landmarks
@@ -213,6 +213,18 @@ def adjust(
     )
     builder.camera_from_world[keyframes] = result.poses
     builder.positions[landmarks] = result.points
+    _refine_readout(builder, seen, result, fixed, keyframe_index, landmark_index, uvr_px, depth_factor)
+    if drops:
+        _drop(builder, seen, ~result.inlier, landmarks)
+    builder.refresh_landmarks(landmarks)
+
+
+def _refine_readout(
+    builder: MapBuilder, seen: Observations, result: BundleResult, fixed: BoolArray, keyframe_index: IntArray,
+    landmark_index: IntArray, uvr_px: FloatArray, depth_factor: float,
+) -> None:  # fmt: skip
+    """Take in what an adjustment says of the readout time."""
+    camera = builder.camera
     per_s = _per_second_of_readout(builder, seen)
     per_s[:, 2] = per_s[:, 0] - depth_factor * (per_s[:, 0] - per_s[:, 2])
     pinhole = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.bf_px_m * depth_factor])
@@ -229,9 +241,6 @@ def adjust(
         result.inlier,
     )
     builder.refine_readout(*step)
-    if drops:
-        _drop(builder, seen, ~result.inlier, landmarks)
-    builder.refresh_landmarks(landmarks)
 
 
 def _per_second_of_readout(builder: MapBuilder, seen: Observations) -> FloatArray:

@@ -23,6 +23,10 @@ from navcore.slam.features import GRID_PX, sort_into_cells
 from navcore.slam.keyframes import MAX_READOUT_S, Features, SlamCamera
 from navcore.slam.lie import inverse_se3, log_se3, product
 
+MIN_VELOCITY_GAP_S = 0.01
+"""Over less than this, what poses are uncertain by is a velocity."""
+MAX_SPEED_M_S = 2.0
+"""A faster step is a pose that was put right, not a walk."""
 MAX_VELOCITY_GAP_S = 0.08
 """Between poses farther apart than this a head may have turned to and fro: what led from one to the other is not the
 velocity at the second. At 10 pictures a second a camera without readout seemed to have one of 1 ms."""
@@ -31,6 +35,8 @@ DRIFT = 0.5
 same observations, but the later ones had better places to start from."""
 MIN_READOUT_S = 1e-3
 """A picture that is read in less is taken as it is: fast turns bend it by less than a corner is uncertain."""
+KEPT_SHARE = 0.9
+"""So many of a pose's landmarks must agree when the readout has been taken out, or it is not."""
 START_SIGMA_S = 0.01
 """How far from zero a readout time may well be, before anything has been seen."""
 
@@ -53,9 +59,10 @@ class ReadoutTime:
 
 def velocity_between(earlier: FloatArray, later: FloatArray, step_s: float) -> FloatArray:
     """Return the velocity (6,) from one camera_from_world (4, 4) to another ``step_s`` later; zero if not known."""
-    if step_s == 0.0 or abs(step_s) > MAX_VELOCITY_GAP_S:
+    if not MIN_VELOCITY_GAP_S <= abs(step_s) <= MAX_VELOCITY_GAP_S:
         return np.zeros(6)
-    return np.asarray(log_se3(product(later, inverse_se3(earlier))) / step_s)
+    velocity = np.asarray(log_se3(product(later, inverse_se3(earlier))) / step_s)
+    return velocity if np.linalg.norm(velocity[:3]) <= MAX_SPEED_M_S else np.zeros(6)
 
 
 def unrolled(features: Features, velocity: FloatArray, readout_s: float, camera: SlamCamera) -> Features:
@@ -127,6 +134,9 @@ def unroll(
         dx, dy, dz = ry * z - rz * y, rz * x - rx * z, rx * y - ry * x
         if has_depth:
             dx, dy, dz = dx + velocity[0], dy + velocity[1], dz + velocity[2]
+        if z - late_s * dz <= 0.5 * z:
+            # Nothing comes so near within one picture: the velocity is wrong.
+            dx, dy, dz = 0.0, 0.0, 0.0
         x, y, z = x - late_s * dx, y - late_s * dy, z - late_s * dz
         out[i, 0] = fx * x / z + cx
         out[i, 1] = fy * y / z + cy

@@ -107,8 +107,8 @@ def test_by_its_lamps_the_walker_is_found_in_it(lit: Mapped) -> None:
     assert len(sure) > 10
     assert max(float(np.linalg.norm(error)) for error in sure) < 0.25
     assert wrong_as_localized(rows) == 0
-    # Edges count in the map's own covariance as if they said something along themselves: docs/results.md names it.
-    assert held(rows) > 0.7
+    # The map that is bent by some centimetres does not quite know it: docs/results.md names it.
+    assert held(rows) > 0.8
 
 
 def test_in_an_evenly_lit_one_the_way_along_it_is_open_until_the_walker_is_lost(even: Mapped) -> None:

@@ -70,7 +70,7 @@ def freeze(
     index = PlaceIndex(places.vocabulary)
     for k, feature in zip(alive.tolist(), features, strict=True):
         index.add(int(new_keyframe[k]), feature.descriptors)
-    return with_covariances(assembled(builder.camera, index, arrays))
+    return with_covariances(assembled(builder.camera, index, arrays), np.concatenate([f.is_edge for f in features]))
 
 
 def _in_cells(builder: MapBuilder, keyframe: int) -> tuple[Features, NDArray[np.int64]]:

@@ -103,6 +103,11 @@ class Features:
         """(n,): 1/σ² of each feature's image coordinates."""
         return INV_SIGMA2[self.octave]
 
+    @property
+    def is_edge(self) -> NDArray[np.bool_]:
+        """(n,): which may lie elsewhere along an edge; none where that is not known."""
+        return np.zeros(len(self), np.bool_) if self.slides is None else (self.slides != 0.0).any(axis=1)
+
     def slides_at(self, feature_index: IntArray) -> FloatArray | None:
         """Return the slides (m, 3) of some features (m,); None where they are not known."""
         return None if self.slides is None else self.slides[feature_index]

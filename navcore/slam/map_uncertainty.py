@@ -28,23 +28,26 @@ TIE_SIGMA_M = 0.1
 TIE_SIGMA_RAD = 0.03
 """Standard deviation between key frames that follow each other in a recording, were there no landmark: they have been
 followed from one to the next all the same."""
+_EDGE_SHARE = 0.01
+"""What an observation of an edge counts."""
 _PRIOR = 1.0
 """Information (1/m², 1/rad²) on each key frame, so that the system can be inverted: next to nothing."""
 
 BoolArray = NDArray[np.bool_]
 
 
-def with_covariances(slam_map: SlamMap) -> SlamMap:
-    """Return the map with the covariances of its key frames."""
-    return replace(slam_map, keyframe_covariance=keyframe_covariances(slam_map))
+def with_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) -> SlamMap:
+    """Return the map with the covariances of its key frames; see :func:`keyframe_covariances`."""
+    return replace(slam_map, keyframe_covariance=keyframe_covariances(slam_map, is_edge))
 
 
-def keyframe_covariances(slam_map: SlamMap) -> FloatArray:
+def keyframe_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) -> FloatArray:
     """Return the covariance (K, 6, 6) of (camera position, rotation) of each key frame, in the world.
 
-    Observations count with the nominal noise of their pyramid level.
+    Observations count with the nominal noise of their pyramid level; those of features (F,) that are edges
+    (:mod:`navcore.slam.apertures`) next to nothing, for they agree wherever along the edge the camera is.
     """
-    blocks, row, col = _reduced_system(slam_map)
+    blocks, row, col = _reduced_system(slam_map, is_edge)
     turned = _world_from_twist(slam_map)
     information = _assembled(turned[row] @ blocks @ turned[col].transpose(0, 2, 1), row, col, slam_map.keyframe_count)
     prior = _PRIOR * scipy.sparse.identity(information.shape[0], format="csc")
@@ -58,7 +61,7 @@ def keyframe_covariances(slam_map: SlamMap) -> FloatArray:
     return np.ascontiguousarray(covariances[nearest])
 
 
-def _reduced_system(slam_map: SlamMap) -> tuple[FloatArray, IntArray, IntArray]:
+def _reduced_system(slam_map: SlamMap, is_edge: BoolArray | None) -> tuple[FloatArray, IntArray, IntArray]:
     """Return the upper blocks (B, 6, 6) of the key frames' information at (row, col), by twists in the camera."""
     seen = np.flatnonzero(slam_map.feature_landmark >= 0)
     keyframe = np.repeat(np.arange(slam_map.keyframe_count, dtype=np.int32), np.diff(slam_map.feature_start))[seen]
@@ -67,6 +70,8 @@ def _reduced_system(slam_map: SlamMap) -> tuple[FloatArray, IntArray, IntArray]:
     seen, keyframe, point = seen[order], keyframe[order], point[order]
     uvr = slam_map.feature_uvr_px[seen].astype(np.float64)
     inv_sigma2 = INV_SIGMA2[slam_map.feature_octave[seen]]
+    if is_edge is not None:
+        inv_sigma2 = np.where(is_edge[seen], _EDGE_SHARE * inv_sigma2, inv_sigma2)
     camera = slam_map.camera
     lens = np.array([camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, camera.bf_px_m])
     poses, points = slam_map.camera_from_world, slam_map.positions

@@ -71,6 +71,9 @@ _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
 _BODY_M = 0.25
 """From the camera to the front of the body."""
+_USUAL_SPEED_M_S = 0.7
+_FIRST_STEPS_M = 1.6
+_FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
@@ -205,7 +208,10 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     # Who walks fast needs more than the stop distance to come to a stand.
-    stopping_m = _BODY_M + stopping_distance_m(trace.speed_m_s, settings.follower)
+    walks = cycle.previous is not None and cycle.previous.action is Action.WALK
+    # Who has been told to walk is soon at their pace, however slow they still are.
+    speed_m_s = max(trace.speed_m_s, _USUAL_SPEED_M_S) if walks else trace.speed_m_s
+    stopping_m = _BODY_M + stopping_distance_m(speed_m_s, settings.follower)
     stop_m = max(settings.obstacle.stop_distance_m, stopping_m)
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
@@ -222,7 +228,22 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
     if direction is None or (_sounds_straight(cycle, direction) and not _is_open_ahead(cycle, gate_m)):
         return _before_echo(cycle, error, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
+    if _should_turn_first(cycle, direction, trace):
+        return cycle.turn(TurnKind.ASIDE, direction, trace, "something is near ahead: turn before the first step")
     return _leave_stop(cycle, direction, trace, rule)
+
+
+def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace) -> bool:
+    """Whether somebody who stands must face the free direction before they move.
+
+    The first steps are made before a turn while walking has had its effect: they lead straight on.
+    """
+    before = cycle.previous
+    stands = before is not None and before.action is not Action.WALK
+    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _FIRST_STEPS_M
+    # Clock face and sides name no angle that is finer.
+    faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
+    return stands and near and abs(direction) > faced_rad
 
 
 def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateDirection | None, float, str]:

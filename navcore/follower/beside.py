@@ -18,6 +18,7 @@ import numpy as np
 
 from navcore.angles import wrap_rad
 from navcore.geometry import FloatArray
+from navcore.polar import placed
 from navcore.types import ObstacleScan, Pose2D, Route
 
 _SEEN_M = 3.5
@@ -126,10 +127,8 @@ def _unit(angle_rad: float) -> FloatArray:
 def known_places_m(scan: ObstacleScan, pose: Pose2D) -> FloatArray:
     """Return the places (k, 2) in the world of all that is known to be in the way, in the image and beside it."""
     seen = np.isfinite(scan.nearest_m)
-    bearing_rad = np.concatenate([scan.bearing_rad[seen], scan.unseen_rad]) + pose.heading
-    range_m = np.concatenate([scan.nearest_m[seen], scan.unseen_m])
-    places = np.stack([np.cos(bearing_rad), np.sin(bearing_rad)], axis=1) * range_m[:, None]
-    return np.asarray(places + np.array([pose.x_m, pose.y_m]), dtype=np.float64)
+    bearing_rad = np.concatenate([scan.bearing_rad[seen], scan.unseen_rad])
+    return placed(pose, bearing_rad, np.concatenate([scan.nearest_m[seen], scan.unseen_m]))
 
 
 def _stations(route: Route, first: int, last: int) -> tuple[FloatArray, FloatArray]:

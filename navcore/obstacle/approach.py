@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
 from navcore.obstacle.corridor import candidate_directions, clearance_ahead_m
+from navcore.obstacle.memory import bearing_index
 from navcore.obstacle.polar_grid import MAX_RANGE_M
+from navcore.polar import placed, seen_from
 from navcore.settings import ObstacleSettings
 from navcore.types import ObstacleScan, Pose2D
 
@@ -73,7 +75,7 @@ def closing_speed_m_s(recent: RecentScans) -> FloatArray:
         return speed_m_s
     duration_s = now.stamp_s - before.stamp_s
     old = _points_m(before)
-    old_bearing_rad, old_range_m = _seen_from(now.pose, old)
+    old_bearing_rad, old_range_m = seen_from(now.pose, old)
     vanished = _was_free(now.scan, old_bearing_rad, old_range_m)
     for first, end in _groups(now.scan.nearest_m, _has_come(now, before)):
         cluster = slice(first, end)
@@ -119,7 +121,7 @@ def _has_come(now: SeenBefore, before: SeenBefore) -> NDArray[np.bool_]:
     """Return in which bearings (n,) something stands where the scan before saw that nothing stood."""
     known = np.isfinite(now.scan.nearest_m)
     points = _points_m(now)
-    bearing_rad, range_m = _seen_from(before.pose, points)
+    bearing_rad, range_m = seen_from(before.pose, points)
     come = np.zeros(len(known), np.bool_)
     come[known] = _was_free(before.scan, bearing_rad, range_m)
     return come & (now.scan.top_m >= _TALL_M)
@@ -127,14 +129,11 @@ def _has_come(now: SeenBefore, before: SeenBefore) -> NDArray[np.bool_]:
 
 def _was_free(scan: ObstacleScan, bearing_rad: FloatArray, range_m: FloatArray) -> NDArray[np.bool_]:
     """Whether a scan saw beyond places (k,) on all bearings about them; what it did not see does not count."""
-    step_rad = float(scan.bearing_rad[1] - scan.bearing_rad[0]) if len(scan.bearing_rad) > 1 else 1.0
-    at = np.rint((bearing_rad - scan.bearing_rad[0]) / step_rad).astype(np.intp)
-    last = len(scan.bearing_rad) - 1
-    inside = (at >= 0) & (at <= last)
+    at, last = bearing_index(scan, bearing_rad), len(scan.bearing_rad) - 1
     around = np.clip(at[:, None] + np.arange(-_NEIGHBOURS, _NEIGHBOURS + 1), 0, last)
     # NaN, unknown, is as near as can be: it shows nothing to be free.
     nearest_m = np.nan_to_num(scan.nearest_m, nan=-np.inf, posinf=np.inf)[around].min(axis=1)
-    return np.asarray(inside & (nearest_m > range_m + _FREE_MARGIN_M))
+    return np.asarray((at >= 0) & (nearest_m > range_m + _FREE_MARGIN_M))
 
 
 def _groups(nearest_m: FloatArray, which: NDArray[np.bool_]) -> list[tuple[int, int]]:
@@ -172,13 +171,4 @@ def _behind_m(cluster_rad: FloatArray, range_m: float, bearing_rad: FloatArray, 
 def _points_m(seen: SeenBefore) -> FloatArray:
     """Return the places (k, 2) of what was seen, metres, in the map."""
     known = np.isfinite(seen.scan.nearest_m)
-    angle_rad = seen.scan.bearing_rad[known] + seen.pose.heading
-    along = np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
-    return np.asarray(along * seen.scan.nearest_m[known, None] + (seen.pose.x_m, seen.pose.y_m), dtype=np.float64)
-
-
-def _seen_from(pose: Pose2D, points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return bearings (k,) relative to the heading, and distances (k,)."""
-    offset = points_m - (pose.x_m, pose.y_m)
-    angle = np.arctan2(offset[:, 1], offset[:, 0]) - pose.heading
-    return (angle + math.pi) % math.tau - math.pi, np.hypot(offset[:, 0], offset[:, 1])
+    return placed(seen.pose, seen.scan.bearing_rad[known], seen.scan.nearest_m[known])

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from navcore.geometry import FloatArray
 from navcore.obstacle.corridor import candidate_directions, clearance_ahead_m
 from navcore.obstacle.polar_grid import MAX_RANGE_M
+from navcore.polar import placed, seen_from
 from navcore.settings import ObstacleSettings
 from navcore.types import BearingState, ObstacleScan, Pose2D
 
@@ -78,8 +79,7 @@ def remember(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: fl
     """Return what is remembered after a scan at a pose: the old that may still be there, and the new."""
     memory = memory.kept(_may_be_there(memory, scan, pose, now_s))
     near = np.isfinite(scan.nearest_m) & (scan.nearest_m < _KEPT_WITHIN_M)
-    angles = scan.bearing_rad[near] + pose.heading
-    points = np.stack([np.cos(angles), np.sin(angles)], axis=1) * scan.nearest_m[near, None] + (pose.x_m, pose.y_m)
+    points = placed(pose, scan.bearing_rad[near], scan.nearest_m[near])
     fresh = ObstacleMemory(
         np.floor(points / CELL_M).astype(np.int64), scan.top_m[near],
         np.full(len(points), now_s), np.ones(len(points), np.int64),
@@ -103,7 +103,7 @@ def remember_heard(
         pose: where the walker is.
         now_s: the present time.
     """
-    bearing_rad, range_m = _from(pose, heard.places_m)
+    bearing_rad, range_m = seen_from(pose, heard.places_m)
     kept = (np.abs(now_s - heard.seen_s) <= _HEARD_FORGOTTEN_AFTER_S) & (range_m < _KEPT_WITHIN_M)
     if echo_m is None:
         return heard.kept(kept)
@@ -115,8 +115,7 @@ def remember_heard(
     if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:
         return heard
     count = 2 + int(2.0 * half_field_rad * echo_m / CELL_M)
-    angles = pose.heading + np.linspace(-half_field_rad, half_field_rad, count)
-    points = np.stack([np.cos(angles), np.sin(angles)], axis=1) * echo_m + (pose.x_m, pose.y_m)
+    points = placed(pose, np.linspace(-half_field_rad, half_field_rad, count), np.full(count, echo_m))
     cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
     top_m = np.full(len(cells), _HEARD_TOP_M)
     return _merged(heard, ObstacleMemory(cells, top_m, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))
@@ -129,7 +128,7 @@ def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settin
     against what is remembered beside the image as well.
     """
     sure = memory.kept(memory.seen_count >= _SEEN_TWICE)
-    bearing_rad, range_m = _from(pose, sure.places_m)
+    bearing_rad, range_m = seen_from(pose, sure.places_m)
     if not len(range_m) or not len(scan.bearing_rad):
         return scan
     nearest_m, state = _closed(scan, bearing_rad, range_m, sure.top_m)
@@ -153,7 +152,7 @@ def _closed(
 ) -> tuple[FloatArray, NDArray[np.int8]]:
     """Return distance and state of the image's bearings, with what is remembered in them."""
     nearest_m, state = scan.nearest_m.copy(), scan.state.copy()
-    index = _bearing_index(scan, bearing_rad)
+    index = bearing_index(scan, bearing_rad)
     for k in np.flatnonzero(index >= 0).tolist():
         i = index[k]
         # NaN, unknown, is not nearer: something known to be there makes it known to be closed.
@@ -171,11 +170,11 @@ def _state_of(top_m: float) -> BearingState:
 
 def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> NDArray[np.bool_]:
     """Return which places (k,) are neither too old, nor too far away, nor seen to be empty now."""
-    bearing_rad, range_m = _from(pose, memory.places_m)
+    bearing_rad, range_m = seen_from(pose, memory.places_m)
     stays = (memory.top_m < _LOW_M) | (memory.seen_count >= _STANDS_COUNT)
     patience_s = np.where(stays, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
     young = np.abs(now_s - memory.seen_s) <= patience_s
-    index = _bearing_index(scan, bearing_rad)
+    index = bearing_index(scan, bearing_rad)
     inside = index >= 0
     at = np.maximum(index, 0)
     if not len(scan.bearing_rad):
@@ -187,20 +186,13 @@ def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_
     return np.asarray(young & (range_m < _KEPT_WITHIN_M) & ~gone)
 
 
-def _bearing_index(scan: ObstacleScan, bearing_rad: FloatArray) -> NDArray[np.intp]:
+def bearing_index(scan: ObstacleScan, bearing_rad: FloatArray) -> NDArray[np.intp]:
     """Return which bearing of the scan each one (k,) falls in; −1 beside the image."""
     if len(scan.bearing_rad) < 2:
         return np.full(len(bearing_rad), -1, np.intp)
     step_rad = float(scan.bearing_rad[1] - scan.bearing_rad[0])
     at = np.rint((bearing_rad - scan.bearing_rad[0]) / step_rad).astype(np.intp)
     return np.where((at >= 0) & (at < len(scan.bearing_rad)), at, -1)
-
-
-def _from(pose: Pose2D, places_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return bearings (k,) relative to the heading, and distances (k,)."""
-    offset = places_m - (pose.x_m, pose.y_m)
-    angle = np.arctan2(offset[:, 1], offset[:, 0]) - pose.heading
-    return (angle + math.pi) % math.tau - math.pi, np.hypot(offset[:, 0], offset[:, 1])
 
 
 def _merged(old: ObstacleMemory, new: ObstacleMemory) -> ObstacleMemory:

@@ -72,7 +72,6 @@ _STANDS_AFTER_S = 1.0
 _BODY_M = 0.25
 """From the camera to the front of the body."""
 _USUAL_SPEED_M_S = 0.7
-_FIRST_STEPS_M = 1.6
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
@@ -207,12 +206,12 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     is_narrow = required_m == _narrow_m(cycle) and there.offset_m == 0.0
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
-    # Who walks fast needs more than the stop distance to come to a stand.
-    walks = cycle.previous is not None and cycle.previous.action is Action.WALK
-    # Who has been told to walk is soon at their pace, however slow they still are.
-    speed_m_s = max(trace.speed_m_s, _USUAL_SPEED_M_S) if walks else trace.speed_m_s
-    stopping_m = _BODY_M + stopping_distance_m(speed_m_s, settings.follower)
-    stop_m = max(settings.obstacle.stop_distance_m, stopping_m)
+    # Who walks fast needs more than the stop distance to come to a stand, and may be slow to react.
+    stopping_m = stopping_distance_m(trace.speed_m_s, settings.obstacle.slow_reaction_s)
+    if cycle.previous is not None and cycle.previous.action is Action.WALK:
+        # Who has been told to walk is soon at their pace, however slow they still are.
+        stopping_m = max(stopping_m, stopping_distance_m(_USUAL_SPEED_M_S, settings.follower.reaction_s))
+    stop_m = max(settings.obstacle.stop_distance_m, _BODY_M + stopping_m)
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
@@ -238,12 +237,21 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
 
     The first steps are made before a turn while walking has had its effect: they lead straight on.
     """
-    before = cycle.previous
-    stands = before is not None and before.action is not Action.WALK
-    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _FIRST_STEPS_M
+    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _first_steps_m(cycle)
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
-    return stands and near and abs(direction) > faced_rad
+    return _stands(cycle) and near and abs(direction) > faced_rad
+
+
+def _stands(cycle: _Cycle) -> bool:
+    return cycle.previous is not None and cycle.previous.action is not Action.WALK
+
+
+def _first_steps_m(cycle: _Cycle) -> float:
+    """Return how far somebody who begins to walk may come, straight on: before the first correction has its effect,
+    and then before a stop has."""
+    slow_s = cycle.settings.obstacle.slow_reaction_s
+    return _BODY_M + _USUAL_SPEED_M_S * slow_s + stopping_distance_m(_USUAL_SPEED_M_S, slow_s)
 
 
 def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateDirection | None, float, str]:
@@ -262,6 +270,9 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     free, heard = (
         _towards(cycle, error, walkable(each, required_m)) for each in (cycle.scan.candidates, _as_heard(cycle))
     )
+    if _stands(cycle):
+        # Who begins to walk is in step before they can be steered: better where the first steps are free as well.
+        heard = _towards(cycle, error, walkable(heard, _first_steps_m(cycle))) or heard
     best = optimal_direction(
         heard or free, there.expected, heading, there.deviation_m, settings.follower,
         _last_direction(cycle, heading),

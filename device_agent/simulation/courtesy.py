@@ -13,7 +13,8 @@ from dataclasses import dataclass, replace
 from device_agent.simulation.renderer import Placement
 
 _NOTICED_M = 2.0
-_STOPS_M = 0.9
+_STOPS_M, _STOPS_EARLIER_S = 0.9, 0.9
+"""Who is come towards stops that much earlier: somebody who cannot see them goes on for another step or two."""
 _IN_THE_WAY_M = 0.8
 """Sideways distance at which two people pass each other."""
 _BROAD_M = 0.6
@@ -85,7 +86,8 @@ def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: I
     if abs(left_m) < _IN_THE_WAY_M:
         sign = -1.0 if left_m > 0.0 else 1.0
         courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
-    if distance_m >= _STOPS_M or abs(left_m) >= _BROAD_M:
+    coming_m_s = max(0.0, -(walker.vx_m_s * dx_m + walker.vy_m_s * dy_m) / max(distance_m, 1e-9))
+    if distance_m >= _STOPS_M + _STOPS_EARLIER_S * coming_m_s or abs(left_m) >= _BROAD_M:
         return replace(courtesy, standing_s=0.0)
     return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
 

@@ -9,7 +9,8 @@ A second, wide camera adds three things; a recording without them is whole as we
 pictures, ``fisheye.txt`` (``t fisheye/name``) says when each was taken, on the depth camera's clock, and
 ``fisheye_calib.txt`` (``name value`` lines) describes it: fx fy in pixels per radian, cx cy in pixels, k1 k2 k3 k4 of
 Kannala and Brandt's model, max_angle_deg (half the field of view), and its mounting, the depth camera seen from the
-fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw. A frame gets the picture
+fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw; its width and height, which
+tell a live camera what to deliver, may be there too. A frame gets the picture
 that was taken nearest to it, at most MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
 """
 

@@ -1,0 +1,160 @@
+"""What is unplugged comes back by itself: a source that is opened again whenever it fails.
+
+Every real sensor is read through :class:`Reopening`, and that by a thread of its own
+(:mod:`device_agent.adapters.newest`). Nothing here waits: while a source is gone, reading it raises the reason, and now
+and then tries to open it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+from collections.abc import Callable
+from typing import Generic, Protocol, TypeVar
+
+from device_agent.ports import Clock
+from navcore.errors import SensorError
+
+T = TypeVar("T")
+T_co = TypeVar("T_co", covariant=True)
+LONGEST_BACKOFF_S = 4.0
+_FIRST_BACKOFF_S = 0.25
+_log = logging.getLogger(__name__)
+
+
+class Source(Protocol[T_co]):
+    """Something that is open and can be read: a thin layer over one driver."""
+
+    def read(self) -> T_co:
+        """Wait for the next item, a second or so at the most. Raises SensorError, or whatever its driver raises."""
+        ...
+
+    def close(self) -> None: ...
+
+
+def backoff_s(failure_count: int) -> float:
+    """Return how long to wait after so many failures in a row (1 or more) before opening again."""
+    doublings = min(failure_count - 1, 16)
+    return min(_FIRST_BACKOFF_S * 2.0**doublings, LONGEST_BACKOFF_S)
+
+
+class Reopening(Generic[T]):
+    """Reads a source; closes it when it fails, and opens it anew, ever more patiently, until it delivers again."""
+
+    def __init__(
+        self,
+        name: str,
+        opener: Callable[[], Source[T]],
+        check: Callable[[T, T | None], None],
+        clock: Clock,
+        restart_after_s: float = 3.0,
+    ) -> None:
+        """``opener`` opens the source, or raises.
+
+        Args:
+            name: what it is, to begin a sentence with ("The camera").
+            opener: opens the source; raises SensorError, or whatever its driver raises.
+            check: raises SensorError for an item that cannot be used; it is handed the last good one too.
+            clock: the device's clock.
+            restart_after_s: a source that delivers, but nothing of use for so long, is opened anew as well.
+        """
+        self._name = name
+        self._opener = opener
+        self._check = check
+        self._clock = clock
+        self._restart_after_s = restart_after_s
+        self._source: Source[T] | None = None
+        self._last: T | None = None
+        self._good_s = clock.now_s()
+        self._failure_count = 0
+        self._retry_s = clock.now_s()
+        self._why = SensorError(f"{name} is closed.")
+        self._closed = False
+
+    def open(self) -> None:
+        """Open the source now, where it is not open. Raises SensorError, MissingPackageError, or what is raised."""
+        if self._source is None:
+            self._source = self._opener()
+            self._good_s = self._clock.now_s()
+
+    def read(self) -> T:
+        """Return the next item that can be used. Raises SensorError with the reason where there is none."""
+        self._refuse_when_closed()
+        source = self._opened()
+        # It may have been closed from another thread while it was being opened here.
+        self._refuse_when_closed()
+        try:
+            item = source.read()
+        except Exception as error:
+            raise self._given_up(source, error) from error
+        if source is not self._source:
+            # Somebody else has opened it anew while this call hung: what it gives now is too late.
+            raise SensorError(f"{self._name} did not answer.")
+        self._accept(source, item)
+        return item
+
+    def abandon(self) -> None:
+        """Leave a source alone whose driver does not return, without closing it, which might hang as well."""
+        self._source = None
+        self._failed(SensorError(f"{self._name} does not answer: unplug it and plug it in again."))
+
+    def close(self) -> None:
+        """Close the source for good; closing twice is harmless."""
+        self._closed = True
+        source, self._source = self._source, None
+        if source is not None:
+            _close(source)
+
+    def _refuse_when_closed(self) -> None:
+        if self._closed:
+            self.close()
+            raise SensorError(f"{self._name} is closed: start the device again.")
+
+    def _opened(self) -> Source[T]:
+        if self._source is not None:
+            return self._source
+        if self._clock.now_s() < self._retry_s:
+            raise self._why
+        try:
+            self.open()
+        except Exception as error:
+            raise self._failed(error) from error
+        assert self._source is not None
+        return self._source
+
+    def _accept(self, source: Source[T], item: T) -> None:
+        try:
+            self._check(item, self._last)
+        except SensorError as error:
+            if self._clock.now_s() - self._good_s > self._restart_after_s:
+                raise self._given_up(source, error) from error
+            raise
+        self._last, self._good_s, self._failure_count = item, self._clock.now_s(), 0
+
+    def _given_up(self, source: Source[T], error: Exception) -> SensorError:
+        if source is self._source:
+            self._source = None
+            failure = self._failed(error)
+        else:
+            failure = SensorError(f"{self._name} did not answer.")
+        _close(source)
+        return failure
+
+    def _failed(self, error: Exception) -> SensorError:
+        """Take note of a failure; return it as what the reader shall raise."""
+        self._failure_count += 1
+        self._retry_s = self._clock.now_s() + backoff_s(self._failure_count)
+        self._why = (
+            error
+            if isinstance(error, SensorError)
+            else SensorError(f"{self._name} failed ({type(error).__name__}: {error}): check its cable.")
+        )
+        if self._failure_count == 1:
+            _log.warning("%s", self._why)
+        return self._why
+
+
+def _close(source: Source[object]) -> None:
+    # A driver whose device is gone may raise anything; there is nothing left to be done about it.
+    with contextlib.suppress(Exception):
+        source.close()

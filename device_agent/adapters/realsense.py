@@ -163,7 +163,8 @@ def _camera_from_imu(sdk: Any, profile: Any, colour: Any) -> FloatArray | None:
 def straightening(sdk: Any, lens: Any) -> tuple[NDArray[np.float32], NDArray[np.float32]] | None:
     """Return where each pixel of the ideal pinhole is found in the picture, x (h, w) and y (h, w).
 
-    None where the picture is straight already. ``lens`` is the SDK's ``intrinsics``. The SDK itself is asked, for its distortion models are not OpenCV's.
+    None where the picture is straight already. ``lens`` is the SDK's ``intrinsics``; the SDK itself is asked, for its
+    distortion models are not OpenCV's.
     """
     if lens.model == sdk.distortion.none or all(abs(value) < _STRAIGHT for value in lens.coeffs):
         return None

@@ -71,11 +71,13 @@ class Reopening(Generic[T]):
         self._why = SensorError(f"{name} is closed.")
         self._closed = False
 
-    def open(self) -> None:
-        """Open the source now, where it is not open. Raises SensorError, MissingPackageError, or what is raised."""
-        if self._source is None:
-            self._source = self._opener()
+    def open(self) -> Source[T]:
+        """Return the open source; open it where it is not. Raises what the opener raises."""
+        source = self._source
+        if source is None:
+            source = self._source = self._opener()
             self._good_s = self._clock.now_s()
+        return source
 
     def read(self) -> T:
         """Return the next item that can be used. Raises SensorError with the reason where there is none."""
@@ -87,8 +89,9 @@ class Reopening(Generic[T]):
             item = source.read()
         except Exception as error:
             raise self._given_up(source, error) from error
-        if source is not self._source:
+        if not self._is_current(source):
             # Somebody else has opened it anew while this call hung: what it gives now is too late.
+            _close(source)
             raise SensorError(f"{self._name} did not answer.")
         self._accept(source, item)
         return item
@@ -105,6 +108,9 @@ class Reopening(Generic[T]):
         if source is not None:
             _close(source)
 
+    def _is_current(self, source: Source[T]) -> bool:
+        return source is self._source
+
     def _refuse_when_closed(self) -> None:
         if self._closed:
             self.close()
@@ -116,11 +122,9 @@ class Reopening(Generic[T]):
         if self._clock.now_s() < self._retry_s:
             raise self._why
         try:
-            self.open()
+            return self.open()
         except Exception as error:
             raise self._failed(error) from error
-        assert self._source is not None
-        return self._source
 
     def _accept(self, source: Source[T], item: T) -> None:
         try:
@@ -132,7 +136,7 @@ class Reopening(Generic[T]):
         self._last, self._good_s, self._failure_count = item, self._clock.now_s(), 0
 
     def _given_up(self, source: Source[T], error: Exception) -> SensorError:
-        if source is self._source:
+        if self._is_current(source):
             self._source = None
             failure = self._failed(error)
         else:

@@ -155,7 +155,7 @@ def _calibration_text(camera: FisheyeCamera) -> str:
     optics = (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion, max_angle_deg)
     place = [*mounting.translation.tolist(), *mounting.quat_xyzw.tolist()]
     size = (float(lens.width_px), float(lens.height_px))
-    lines = [f"{name} {value!r}" for name, value in zip(_SIZE_NAMES, size, strict=True)]
-    lines += [f"{name} {value!r}" for name, value in zip(_FISHEYE_NAMES, optics, strict=True)]
+    lines = [f"{name} {value!r}" for name, value in zip(_FISHEYE_NAMES, optics, strict=True)]
     lines += [f"{name} {value!r}" for name, value in zip(_MOUNTING_NAMES, place, strict=True)]
+    lines += [f"{name} {value!r}" for name, value in zip(_SIZE_NAMES, size, strict=True)]
     return "\n".join(lines) + "\n"

@@ -6,11 +6,15 @@
 
 from __future__ import annotations
 
+import contextlib
+import fcntl
+import math
 import os
 import select
 import struct
+import time
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from device_agent.adapters.presses import PressTracker
 from device_agent.adapters.reopening import backoff_s
@@ -19,6 +23,8 @@ from navcore.errors import SensorError
 
 INPUT_EVENT = struct.Struct("@llHHi")
 """Time in s and µs, type, code, value; 24 bytes on 64-bit machines."""
+EVIOCSCLOCKID = 0x400445A0
+"""Sets the clock of an input device (``linux/input.h``)."""
 EV_SYN, EV_KEY = 0, 1
 SYN_DROPPED = 3
 RELEASED, PRESSED = 0, 1
@@ -60,7 +66,8 @@ class EvdevButtons:
         self._key_buttons = key_buttons
         self._tracker = PressTracker()
         self._rest = b""
-        self._behind_s: float | None = None
+        self._behind_s = math.inf
+        """How far the kernel's times are behind the device's clock: the least that was ever seen."""
         self._failure_count = 0
         self._retry_s = clock.now_s()
         self._closed = False
@@ -75,8 +82,12 @@ class EvdevButtons:
             events = list(self._events(file))
         except OSError as error:
             raise self._lost() from error
+        # How long a button was held is told by the kernel's times alone: the loop may look late.
+        now_s = self._clock.now_s()
+        self._behind_s = min([self._behind_s, *(now_s - event.stamp_s for event in events)])
         presses = [press for event in events for press in self._taken(event)]
-        return (*presses, *self._tracker.due(self._clock.now_s()))
+        presses += self._tracker.due(now_s - self._behind_s)
+        return tuple(replace(press, stamp_s=min(press.stamp_s + self._behind_s, now_s)) for press in presses)
 
     def close(self) -> None:
         """Let go of the device; closing twice is harmless."""
@@ -106,28 +117,24 @@ class EvdevButtons:
         button = self._key_buttons.get(event.code)
         if button is None or event.value not in (PRESSED, RELEASED):
             return ()
-        stamp_s = self._on_device_clock(event.stamp_s)
         if event.value == RELEASED:
-            return self._tracker.up(stamp_s, button)
-        self._tracker.down(stamp_s, button)
+            return self._tracker.up(event.stamp_s, button)
+        self._tracker.down(event.stamp_s, button)
         return ()
-
-    def _on_device_clock(self, kernel_s: float) -> float:
-        """Return an event's time on the device's clock: as long ago as it can have been, were none ever late."""
-        now_s = self._clock.now_s()
-        behind_s = now_s - kernel_s
-        self._behind_s = behind_s if self._behind_s is None else min(self._behind_s, behind_s)
-        return min(kernel_s + self._behind_s, now_s)
 
     def _opened(self) -> int:
         try:
-            return os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+            file = os.open(self._path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         except FileNotFoundError as error:
             raise SensorError(f"There are no buttons at {self._path}: plug them in, or name another device.") from error
         except OSError as error:
             raise SensorError(
                 f"The buttons at {self._path} cannot be read ({error.strerror}): add the user to the group 'input'."
             ) from error
+        with contextlib.suppress(OSError):
+            # Events are stamped with the time of day otherwise, which leaps when somebody sets it.
+            fcntl.ioctl(file, EVIOCSCLOCKID, struct.pack("@i", time.CLOCK_MONOTONIC))
+        return file
 
     def _reopened(self) -> int:
         if self._clock.now_s() < self._retry_s:
@@ -143,7 +150,7 @@ class EvdevButtons:
     def _lost(self) -> SensorError:
         if self._file is not None:
             os.close(self._file)
-        self._file, self._rest, self._behind_s = None, b"", None
+        self._file, self._rest, self._behind_s = None, b"", math.inf
         self._tracker.release_all()
         self._failed()
         return SensorError(f"The buttons at {self._path} are gone: plug them in again.")

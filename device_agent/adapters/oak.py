@@ -134,9 +134,8 @@ def intrinsics_of(colour: depthai.ImgFrame) -> CameraIntrinsics:
     # The SDK's own types leave this call untyped.
     transformation: Any = colour.getTransformation()
     matrix = np.array(transformation.getIntrinsicMatrix(), dtype=np.float64)
-    return CameraIntrinsics(
-        colour.getWidth(), colour.getHeight(), matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]
-    )
+    fx_px, fy_px, cx_px, cy_px = (float(matrix[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
+    return CameraIntrinsics(colour.getWidth(), colour.getHeight(), fx_px, fy_px, cx_px, cy_px)
 
 
 def open_streams(device_id: str | None) -> OakStreams:

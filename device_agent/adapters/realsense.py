@@ -50,12 +50,20 @@ class RealSenseSource:
         clock: Clock,
         serial: str | None = None,
         recording: Path | None = None,
+        camera_from_imu: FloatArray | None = None,
         wall_now_s: Callable[[], float] = time.time,
     ) -> None:
         """Open the camera with a serial number, or the first one, or a recording. Raises SensorError without one.
 
-        Raises MissingPackageError without the SDK. ``wall_now_s`` is the machine's time of day, with which the SDK
-        stamps.
+        Raises MissingPackageError without the SDK.
+
+        Args:
+            clock: the device's clock.
+            serial: the camera's serial number; None takes the first one.
+            recording: a file that the SDK has recorded, to be played instead.
+            camera_from_imu: how the accelerometer is mounted, its axes to the colour camera's (3, 3), for a recording
+                that does not say it.
+            wall_now_s: the machine's time of day, with which the SDK stamps, seconds.
         """
         self._sdk = load_sdk()
         self._clock = clock
@@ -70,7 +78,10 @@ class RealSenseSource:
         self.intrinsics = CameraIntrinsics(lens.width, lens.height, lens.fx, lens.fy, lens.ppx, lens.ppy)
         """The ideal pinhole to which both images are brought."""
         self._straight = straightening(self._sdk, lens)
-        self._camera_from_imu = _camera_from_imu(self._sdk, profile, colour)
+        self._camera_from_imu = camera_from_imu
+        felt = [each for each in profile.get_streams() if each.stream_type() == self._sdk.stream.accel]
+        if felt and camera_from_imu is None:
+            self._camera_from_imu = mounting_of(felt[0], colour)
 
     def read(self) -> Frame:
         """Wait for the next frame and return it. Raises SensorError when none comes for a second."""
@@ -149,10 +160,13 @@ def _device_config(sdk: Any, serial: str | None, recording: Path | None) -> Any:
     return config
 
 
-def _camera_from_imu(sdk: Any, profile: Any, colour: Any) -> FloatArray | None:
-    """Return the rotation (3, 3) of the accelerometer's axes to the colour camera's; None where it is not known."""
+def mounting_of(felt: Any, colour: Any) -> FloatArray | None:
+    """Return the rotation (3, 3) of the accelerometer's axes to the colour camera's, from the SDK's stream profiles.
+
+    None where the camera does not say it.
+    """
     try:
-        extrinsics = profile.get_stream(sdk.stream.accel).get_extrinsics_to(colour)
+        extrinsics = felt.get_extrinsics_to(colour)
     except RuntimeError:
         return None
     # The SDK stores matrices column by column.

@@ -15,7 +15,7 @@ T = TypeVar("T")
 HANGS_AFTER_S = 15.0
 """A driver that has not returned for so long will not: OpenCV's waits 10 s for a camera."""
 MAX_ABANDONED = 4
-"""Threads that may be left behind in a driver; after so many only a restart of the device helps."""
+"""Threads that may be left behind in a driver at a time; after so many only a restart of the device helps."""
 _RETRY_AFTER_S = 0.2
 
 
@@ -40,7 +40,7 @@ class NewestReader(Generic[T]):
         self._error: SensorError | None = None
         self._closed = threading.Event()
         self._called_s = clock.now_s()
-        self._abandoned = 0
+        self._left_behind: list[threading.Thread] = []
         self._thread = self._started()
 
     def wait(self, timeout_s: float) -> T | None:
@@ -85,8 +85,11 @@ class NewestReader(Generic[T]):
 
     def _replace_hanging_thread(self) -> None:
         hangs = self._clock.now_s() - self._called_s > HANGS_AFTER_S
-        if hangs and self._abandon is not None and self._abandoned < MAX_ABANDONED and not self._closed.is_set():
-            self._abandoned += 1
+        if not hangs or self._abandon is None or self._closed.is_set():
+            return
+        self._left_behind = [thread for thread in self._left_behind if thread.is_alive()]
+        if len(self._left_behind) < MAX_ABANDONED:
+            self._left_behind.append(self._thread)
             self._abandon()
             self._started()
 

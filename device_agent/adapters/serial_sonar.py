@@ -27,7 +27,7 @@ _READ_TIMEOUT_S = 0.2
 _SILENT_READS = 5
 """Reads in a row without a byte, after which the line is silent: one second."""
 _MAX_READ_BYTES = 4096
-_NONSENSE_BYTES = 8192
+_NONSENSE_BYTES = 1024
 """So many bytes without one good line are no accident."""
 _CLOSED_WITHIN_S = 2 * _READ_TIMEOUT_S
 

@@ -83,7 +83,7 @@ def write_video(path: Path, picture_count: int = 60, rate_hz: int = 30) -> str:
     size = (FISHEYE.intrinsics.width_px, FISHEYE.intrinsics.height_px)
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), rate_hz, size)
     for index in range(picture_count):
-        writer.write(np.full((size[1], size[0], 3), 4 * index, np.uint8))
+        writer.write(np.full((size[1], size[0], 3), 4 * index % 256, np.uint8))
     writer.release()
     return str(path)
 
@@ -133,8 +133,12 @@ def make_framebuffer(folder: Path, bits_per_pixel: int = 32, width_px: int = 640
 
 
 # --------------------------------------------------------------------------------------------------- RealSense
-def software_camera(sdk: Any) -> tuple[Any, dict[str, Any], dict[str, Any]]:
-    """Return the SDK's own ``software_device``, its sensors and its streams: colour, depth and accelerometer."""
+def software_camera(sdk: Any, mounting: Any = None) -> tuple[Any, dict[str, Any], dict[str, Any]]:
+    """Return the SDK's own ``software_device``, its sensors and its streams: colour, depth and accelerometer.
+
+    ``mounting`` is the SDK's ``extrinsics`` of the accelerometer to the colour camera. The streams live no longer than
+    the device.
+    """
     device = sdk.software_device()
     device.register_info(sdk.camera_info.serial_number, "1234")
     device.register_info(sdk.camera_info.name, "camera of the test")
@@ -153,7 +157,8 @@ def software_camera(sdk: Any) -> tuple[Any, dict[str, Any], dict[str, Any]]:
     for one in streams.values():
         for other in streams.values():
             if one is not other:
-                one.register_extrinsics_to(other, same)
+                is_mounting = one is streams["accelerometer"] and other is streams["colour"]
+                one.register_extrinsics_to(other, mounting if mounting and is_mounting else same)
     device.create_matcher(sdk.matchers.default)
     return device, sensors, streams
 
@@ -213,8 +218,9 @@ def _push(sdk: Any, sensors: Any, streams: Any, number: int, stamp_ms: float, do
             frame.depth_units = 0.001
         sensors[name].on_video_frame(frame)
     felt = sdk.software_motion_frame()
-    felt.data = sdk.vector()
-    felt.data.x, felt.data.y, felt.data.z = 0.0, -9.81, 0.0
+    up = sdk.vector()
+    up.x, up.y, up.z = 0.0, -9.81, 0.0
+    felt.data = up
     felt.timestamp, felt.domain, felt.frame_number = stamp_ms, domain, number
     felt.profile = streams["accelerometer"].as_motion_stream_profile()
     sensors["accelerometer"].on_motion_frame(felt)

@@ -53,6 +53,8 @@ class OakStreams:
     camera_from_imu: FloatArray | None
     """Rotation (3, 3) of the accelerometer's axes to the colour camera's."""
     pipeline: depthai.Pipeline
+    device: depthai.Device | None = None
+    """The camera itself, to be let go of at the end."""
 
 
 class OakSource:
@@ -108,6 +110,8 @@ class OakSource:
         """Let go of the camera; closing twice is harmless."""
         with contextlib.suppress(Exception):
             self._streams.pipeline.stop()
+        if self._streams.device is not None:
+            self._streams.device.close()
 
     def _next_group(self) -> depthai.MessageGroup:
         group = self._streams.frames.get(_TIMEOUT)
@@ -142,10 +146,18 @@ def open_streams(device_id: str | None) -> OakStreams:
     """Start a camera. Raises SensorError where there is none, or it has no depth."""
     import depthai
 
+    # Asked first, for the SDK waits long for a camera that is not there.
+    found = depthai.Device.getAllAvailableDevices()
+    if not found:
+        raise SensorError("No OAK camera is found: plug it into a USB 3 socket.")
+    wanted = [info for info in found if device_id in (None, info.deviceId, info.name)]
+    if not wanted:
+        names = ", ".join(info.deviceId for info in found)
+        raise SensorError(f"No OAK camera {device_id} is found, but {names}: name one of these.")
     try:
-        device = depthai.Device() if device_id is None else depthai.Device(depthai.DeviceInfo(device_id))
+        device = depthai.Device(wanted[0])
     except RuntimeError as error:
-        raise SensorError(f"No OAK camera is found ({error}): plug it into a USB 3 socket.") from error
+        raise SensorError(f"The OAK camera does not answer ({error}): plug it in again.") from error
     try:
         return _started(depthai.Pipeline(device), device)
     except RuntimeError as error:
@@ -169,7 +181,7 @@ def _started(pipeline: depthai.Pipeline, device: depthai.Device) -> OakStreams:
     frames = pairs.out.createOutputQueue(_QUEUED_FRAMES, False)
     samples, rotation = _accelerometer(pipeline, device, socket)
     pipeline.start()
-    return OakStreams(frames, samples, rotation, pipeline)
+    return OakStreams(frames, samples, rotation, pipeline, device)
 
 
 def _colour_socket(device: depthai.Device) -> depthai.CameraBoardSocket:

@@ -71,7 +71,10 @@ class RealSenseSource:
         self._sensor_clock: SensorClock | None = None
         self._gravity = GravityFilter()
         self._pipeline = self._sdk.pipeline()
-        profile = self._started(_device_config(self._sdk, serial, recording))
+        try:
+            profile = self._started(_device_config(self._sdk, serial, recording))
+        except RuntimeError as error:
+            raise SensorError(_not_started(recording, error)) from error
         colour = profile.get_stream(self._sdk.stream.color).as_video_stream_profile()
         self._align = self._sdk.align(self._sdk.stream.color)
         lens = colour.get_intrinsics()
@@ -117,16 +120,10 @@ class RealSenseSource:
         stream, form = self._sdk.stream, self._sdk.format
         config.enable_stream(stream.depth, WIDTH_PX, HEIGHT_PX, form.z16, RATE_HZ)
         config.enable_stream(stream.color, WIDTH_PX, HEIGHT_PX, form.rgb8, RATE_HZ)
-        try:
-            config.enable_stream(stream.accel)
-            if not config.can_resolve(self._sdk.pipeline_wrapper(self._pipeline)):
-                config.disable_stream(stream.accel)
-            return self._pipeline.start(config)
-        except RuntimeError as error:
-            raise SensorError(
-                f"The RealSense camera cannot be started ({error}): see whether another program uses it, and plug it"
-                " into a USB 3 socket."
-            ) from error
+        config.enable_stream(stream.accel)
+        if not config.can_resolve(self._sdk.pipeline_wrapper(self._pipeline)):
+            config.disable_stream(stream.accel)
+        return self._pipeline.start(config)
 
     def _stamp_s(self, frame: Any) -> float:
         if self._sensor_clock is None:
@@ -145,10 +142,7 @@ class RealSenseSource:
 def _device_config(sdk: Any, serial: str | None, recording: Path | None) -> Any:
     config = sdk.config()
     if recording is not None:
-        try:
-            config.enable_device_from_file(str(recording), False)
-        except RuntimeError as error:
-            raise SensorError(f"{recording} is no recording of the RealSense SDK ({error}): name another.") from error
+        config.enable_device_from_file(str(recording), False)
         return config
     # Asked first, for the SDK waits a quarter of a minute for a camera that is not there.
     found = [device.get_info(sdk.camera_info.serial_number) for device in sdk.context().query_devices()]
@@ -158,6 +152,15 @@ def _device_config(sdk: Any, serial: str | None, recording: Path | None) -> Any:
         raise SensorError(f"No RealSense camera {serial} is found, but {', '.join(found)}: name one of these.")
     config.enable_device(serial or found[0])
     return config
+
+
+def _not_started(recording: Path | None, error: RuntimeError) -> str:
+    if recording is not None:
+        return f"{recording} is no recording of the RealSense SDK ({error}): name another file."
+    return (
+        f"The RealSense camera cannot be started ({error}): see whether another program uses it, and plug it into a"
+        " USB 3 socket."
+    )
 
 
 def mounting_of(felt: Any, colour: Any) -> FloatArray | None:

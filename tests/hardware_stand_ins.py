@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import datetime
+import fcntl
 import os
+import struct
+import termios
 import threading
 import time
 from collections.abc import Callable
@@ -35,19 +38,24 @@ def eventually(what: Callable[[], bool]) -> None:
         nobody.wait(0.002)
 
 
+def waiting_bytes(terminal: int) -> int:
+    """Return how many bytes wait to be read from a terminal."""
+    return int(struct.unpack("@i", fcntl.ioctl(terminal, termios.FIONREAD, bytes(4)))[0])
+
+
 class SerialLine:
     """A pseudo-terminal behind a path that stays the same, as a serial adapter's does when it is plugged in again."""
 
     def __init__(self, folder: Path) -> None:
         self.path = str(folder / "ttyUSB0")
         self._ours: int | None = None
+        self._theirs = -1
         self.plug()
 
     def plug(self) -> None:
         """Plug it in."""
-        ours, theirs = os.openpty()
-        os.symlink(os.ttyname(theirs), self.path)
-        os.close(theirs)
+        ours, self._theirs = os.openpty()
+        os.symlink(os.ttyname(self._theirs), self.path)
         os.set_blocking(ours, False)
         self._ours = ours
 
@@ -55,6 +63,7 @@ class SerialLine:
         """Pull it out."""
         assert self._ours is not None
         os.close(self._ours)
+        os.close(self._theirs)
         os.unlink(self.path)
         self._ours = None
 
@@ -65,6 +74,10 @@ class SerialLine:
             return os.write(self._ours, data)
         except BlockingIOError:
             return 0
+
+    def settle(self, byte_count: int) -> None:
+        """Return when so many bytes wait to be read: the kernel passes them on in its own time."""
+        eventually(lambda: waiting_bytes(self._theirs) == byte_count)
 
     def say(self, sensor_ms: int, distance_mm: int) -> None:
         """Send one line as the microcontroller does."""

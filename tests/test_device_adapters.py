@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import functools
 import io
+import itertools
 import os
 import tempfile
 import threading
@@ -25,6 +26,7 @@ from hardware_stand_ins import (
     eventually,
     make_framebuffer,
     record_software_camera,
+    waiting_bytes,
     write_video,
 )
 
@@ -252,6 +254,7 @@ def hand_fed() -> Iterator[tuple[HandFedCamera, NewestFrameCamera, FakeClock]]:
     clock, inner = FakeClock(100.0), HandFedCamera()
     camera = NewestFrameCamera(inner, clock, timeout_s=0.2)
     yield inner, camera, clock
+    inner.close()
     camera.close()
     camera.close()
 
@@ -405,9 +408,13 @@ def _keyboard_buttons(clock: FakeClock, folder: Path) -> tuple[Buttons, Press]:
     ours, theirs = os.openpty()
     letters = {Button.MAIN: "m", Button.NEXT: "n", Button.PREVIOUS: "p"}
 
+    sent = itertools.count(1)
+
     def press(button: Button, kind: PressKind) -> None:
         letter = letters[button]
         os.write(ours, (letter.upper() if kind is PressKind.LONG else letter).encode())
+        count = next(sent)
+        eventually(lambda: waiting_bytes(theirs) == count)
 
     return KeyboardButtons(clock, theirs), press
 

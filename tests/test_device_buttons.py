@@ -7,7 +7,7 @@ import termios
 from pathlib import Path
 
 import pytest
-from hardware_stand_ins import InputDevice
+from hardware_stand_ins import InputDevice, eventually, waiting_bytes
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -180,7 +180,8 @@ def test_a_terminal_gives_its_keys_at_once_and_is_put_back() -> None:
     ours, theirs = os.openpty()
     before = termios.tcgetattr(theirs)
     buttons = KeyboardButtons(SteppedClock(7.0), theirs)
-    os.write(ours, b"x\x1b[Anm\nP\xff")
+    sent = os.write(ours, b"x\x1b[Anm\nP\xff")
+    eventually(lambda: waiting_bytes(theirs) == sent)
     assert kinds(buttons.pressed()) == [
         (Button.NEXT, PressKind.SHORT),
         (Button.MAIN, PressKind.SHORT),

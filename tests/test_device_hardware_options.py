@@ -9,7 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hardware_stand_ins import FISHEYE, InputDevice, SerialLine, eventually, record_software_camera, write_video
+from hardware_stand_ins import (
+    FISHEYE,
+    InputDevice,
+    SerialLine,
+    eventually,
+    record_software_camera,
+    waiting_bytes,
+    write_video,
+)
 
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoButtons, NoSonar
@@ -170,6 +178,7 @@ def test_the_keyboard_can_be_the_buttons(
         monkeypatch.setattr("sys.stdin", terminal)
         hardware = open_hardware(options, Settings(), SystemClock(), stack)
         os.write(ours, b"N")
+        eventually(lambda: waiting_bytes(terminal.fileno()) == 1)
         assert [press.kind for press in hardware.buttons.pressed()] == [PressKind.LONG]
     os.close(ours)
 

@@ -297,7 +297,9 @@ def test_only_so_many_threads_are_left_behind(drivers: list[Hanging]) -> None:
         return len(drivers) == MAX_ABANDONED + 2
 
     eventually(looked_again)
-    reader.close(0.0)
+    for driver in drivers:
+        driver.let_go.set()
+    reader.close()
 
 
 # -------------------------------------------------------------------------------------------- in the whole loop

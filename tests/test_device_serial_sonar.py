@@ -52,8 +52,9 @@ def test_a_line_is_read_and_its_age_is_known(line: SerialLine) -> None:
 
 def test_of_what_has_waited_the_newest_counts(line: SerialLine) -> None:
     source = SerialSource(line.path, SteppedClock(100.0))
-    for index in range(20):
-        line.say(1000 + 50 * index, 2000 - index)
+    lines = [encoded(SonarLine(1000 + 50 * index, SonarKind.ECHO, 2000 - index)) for index in range(20)]
+    line.send(b"".join(lines))
+    line.settle(sum(len(each) for each in lines))
     assert source.read().line.distance_mm == 1981
 
 

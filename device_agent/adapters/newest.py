@@ -16,6 +16,8 @@ HANGS_AFTER_S = 15.0
 """A driver that has not returned for so long will not: OpenCV's waits 10 s for a camera."""
 MAX_ABANDONED = 4
 """Threads that may be left behind in a driver at a time; after so many only a restart of the device helps."""
+CLOSED_WITHIN_S = 3.0
+"""Drivers look up from waiting for their device once in a second."""
 _RETRY_AFTER_S = 0.2
 
 
@@ -50,6 +52,7 @@ class NewestReader(Generic[T]):
         """
         with self._arrived:
             self._arrived.wait_for(lambda: self._is_new or self._error or self._closed.is_set(), timeout_s)
+            self._refuse_when_closed()
             is_new, self._is_new = self._is_new, False
             error, self._error = self._error, None
             if is_new:
@@ -62,19 +65,23 @@ class NewestReader(Generic[T]):
     def recent(self) -> tuple[T, ...]:
         """Return the newest items, oldest first, without waiting. Raises SensorError where the source has failed."""
         with self._arrived:
+            self._refuse_when_closed()
             recent, error = tuple(self._recent), self._error
         if error is not None:
             raise error
         self._replace_hanging_thread()
         return recent
 
-    def close(self, timeout_s: float) -> None:
-        """Stop the thread and close the source; a driver that hangs is waited for no longer than this."""
+    def close(self) -> None:
+        """Let the thread close the source and end; one that hangs in its driver is not waited for."""
         self._closed.set()
         with self._arrived:
             self._arrived.notify_all()
-        self._source.close()
-        self._thread.join(timeout_s)
+        self._thread.join(CLOSED_WITHIN_S)
+
+    def _refuse_when_closed(self) -> None:
+        if self._closed.is_set():
+            raise SensorError(f"The {self._name} is closed: start the device again.")
 
     def _started(self) -> threading.Thread:
         self._called_s = self._clock.now_s()
@@ -102,11 +109,18 @@ class NewestReader(Generic[T]):
             except SensorError as error:
                 self._leave(me, None, error)
             except Exception as error:
-                self._leave(me, None, SensorError(f"{self._name} failed ({type(error).__name__}: {error})."))
+                self._leave(
+                    me,
+                    None,
+                    SensorError(f"The {self._name} failed ({type(error).__name__}: {error}): check its cable."),
+                )
             else:
                 self._leave(me, item, None)
                 continue
             self._closed.wait(_RETRY_AFTER_S)
+        if me is self._thread:
+            # Here, and not in whoever closes: SDKs crash that are closed by one thread while another reads.
+            self._source.close()
 
     def _leave(self, me: threading.Thread, item: T | None, error: SensorError | None) -> None:
         with self._arrived:

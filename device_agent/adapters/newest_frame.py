@@ -48,4 +48,4 @@ class NewestFrameCamera:
 
     def close(self) -> None:
         """Stop the thread and close the camera."""
-        self._reader.close(2 * self.timeout_s)
+        self._reader.close()

@@ -14,7 +14,6 @@ from navcore.types import CameraIntrinsics, FisheyeImage, Frame
 
 _KEPT = 8
 """Pictures from among which one is chosen: depth takes longer to come than a picture."""
-_CLOSED_WITHIN_S = 1.0
 _log = logging.getLogger(__name__)
 
 
@@ -42,7 +41,7 @@ class PairedCamera:
     def close(self) -> None:
         """Close both."""
         self._camera.close()
-        self._pictures.close(_CLOSED_WITHIN_S)
+        self._pictures.close()
 
     def _nearest(self, stamp_s: float) -> FisheyeImage | None:
         try:

@@ -29,7 +29,6 @@ _SILENT_READS = 5
 _MAX_READ_BYTES = 4096
 _NONSENSE_BYTES = 1024
 """So many bytes without one good line are no accident."""
-_CLOSED_WITHIN_S = 2 * _READ_TIMEOUT_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +119,9 @@ class SerialSonar:
         reopening.open()
         self._began_s = clock.now_s()
         self._reader = NewestReader("rangefinder", reopening, clock, reopening.abandon)
-        self._closed = False
 
     def read(self) -> SonarReading:
         """Return the latest reading, STALE where it is old. Raises SensorError where the rangefinder has failed."""
-        if self._closed:
-            raise SensorError("The rangefinder is closed: start the device again.")
         heard = self._reader.recent()
         if not heard:
             return SonarReading(self._began_s, SonarState.STALE)
@@ -135,5 +131,4 @@ class SerialSonar:
 
     def close(self) -> None:
         """Deliver nothing from now on; closing twice is harmless."""
-        self._closed = True
-        self._reader.close(_CLOSED_WITHIN_S)
+        self._reader.close()

@@ -108,7 +108,7 @@ def _fake(clock: Clock, folder: Path, stack: ExitStack) -> DepthCamera:
 def _recorded(clock: Clock, folder: Path, stack: ExitStack) -> DepthCamera:
     writer = RecordingWriter(folder, INTRINSICS)
     for frame in frames(20, begin_s=5000.0):
-        writer.add(frame)
+        writer.add(replace(frame, gravity=np.array([0.0, 0.8, 0.6])))
     writer.close()
     return RecordedCamera(open_recording(folder), clock)
 

@@ -18,7 +18,7 @@ from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, F
 from device_agent.adapters.newest import HANGS_AFTER_S, MAX_ABANDONED, NewestReader
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera, check_frame
-from device_agent.adapters.reopening import LONGEST_BACKOFF_S, Reopening, backoff_s
+from device_agent.adapters.reopening import LONGEST_BACKOFF_S, TOLERATED_S, Reopening, backoff_s
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.state import DeviceState
 from navcore.errors import MissingPackageError, SensorError
@@ -186,15 +186,25 @@ def test_a_frame_that_says_nothing_of_now_is_refused_with_the_reason(bad: Frame,
 
 def test_pictures_older_than_before_are_refused_even_after_opening_anew() -> None:
     clock = SteppedClock(100.0)
-    plug = Plug(clock, [frame(100.0), SensorError("gone: plug it in")], [frame(99.0), frame(101.0)])
+    old = [frame(99.0 + 0.01 * index) for index in range(3)]
+    plug = Plug(clock, [frame(100.0), SensorError("gone: plug it in")], [*old, frame(101.0)])
     camera = ReopenedCamera(plug.open, clock)
     camera.read()
     with pytest.raises(SensorError, match="gone"):
         camera.read()
     clock.sleep_until(101.0)
-    with pytest.raises(SensorError, match="old pictures"):
+    assert camera.read().stamp_s == 101.0, "the old ones were passed over"
+
+
+def test_one_frame_of_no_use_stops_nobody_and_many_are_an_error() -> None:
+    clock = SteppedClock(100.0)
+    dark = [replace(frame(100.0 + at), depth_m=np.zeros((24, 32), np.float32)) for at in (0.1, 0.3, 0.4, 0.5)]
+    camera = ReopenedCamera(Plug(clock, [frame(100.0), dark[0], frame(100.2), *dark[1:], frame(100.6)]).open, clock)
+    assert [camera.read().stamp_s for _ in range(2)] == [100.0, 100.2]
+    with pytest.raises(SensorError, match="no distance at all"):
         camera.read()
-    assert camera.read().stamp_s == 101.0
+    assert clock.now_s() - 100.2 > TOLERATED_S
+    assert camera.read().stamp_s == 100.6
 
 
 # ---------------------------------------------------------------------------------------- a driver that hangs
@@ -309,7 +319,7 @@ def nowhere(seen: Frame) -> Localization:
 
 def test_the_loop_stops_says_why_and_goes_on_when_the_camera_is_back() -> None:
     clock = SteppedClock(100.0)
-    dark = replace(frame(100.2), depth_m=np.full((24, 32), np.nan, np.float32))
+    dark = replace(frame(100.4), depth_m=np.full((24, 32), np.nan, np.float32))
     plug = Plug(clock, [frame(100.1), dark, OSError("fell out")], [frame(103.0)])
     camera = ReopenedCamera(plug.open, clock)
     uplink = FakeUplink()

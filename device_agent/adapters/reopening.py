@@ -18,6 +18,8 @@ from navcore.errors import SensorError
 T = TypeVar("T")
 T_co = TypeVar("T_co", covariant=True)
 LONGEST_BACKOFF_S = 4.0
+TOLERATED_S = 0.25
+"""What cannot be used is passed over for so long: one picture that comes twice need not stop anybody."""
 _FIRST_BACKOFF_S = 0.25
 _log = logging.getLogger(__name__)
 
@@ -85,16 +87,10 @@ class Reopening(Generic[T]):
         source = self._opened()
         # It may have been closed from another thread while it was being opened here.
         self._refuse_when_closed()
-        try:
-            item = source.read()
-        except Exception as error:
-            raise self._given_up(source, error) from error
-        if not self._is_current(source):
-            # Somebody else has opened it anew while this call hung: what it gives now is too late.
-            _close(source)
-            raise SensorError(f"{self._name} did not answer.")
-        self._accept(source, item)
-        return item
+        while True:
+            item = self._next_of(source)
+            if self._is_good(source, item):
+                return item
 
     def abandon(self) -> None:
         """Leave a source alone whose driver does not return, without closing it, which might hang as well."""
@@ -107,6 +103,32 @@ class Reopening(Generic[T]):
         source, self._source = self._source, None
         if source is not None:
             _close(source)
+
+    def _next_of(self, source: Source[T]) -> T:
+        try:
+            item = source.read()
+        except Exception as error:
+            raise self._given_up(source, error) from error
+        if not self._is_current(source):
+            # Somebody else has opened it anew while this call hung: what it gives now is too late.
+            _close(source)
+            raise SensorError(f"{self._name} did not answer.")
+        return item
+
+    def _is_good(self, source: Source[T], item: T) -> bool:
+        """Return whether an item can be used. Raises SensorError where too many in a row could not."""
+        now_s = self._clock.now_s()
+        try:
+            self._check(item, self._last)
+        except SensorError as error:
+            bad_for_s = now_s - self._good_s
+            if bad_for_s > self._restart_after_s:
+                raise self._given_up(source, error) from error
+            if bad_for_s > TOLERATED_S:
+                raise
+            return False
+        self._last, self._good_s, self._failure_count = item, now_s, 0
+        return True
 
     def _is_current(self, source: Source[T]) -> bool:
         return source is self._source
@@ -125,15 +147,6 @@ class Reopening(Generic[T]):
             return self.open()
         except Exception as error:
             raise self._failed(error) from error
-
-    def _accept(self, source: Source[T], item: T) -> None:
-        try:
-            self._check(item, self._last)
-        except SensorError as error:
-            if self._clock.now_s() - self._good_s > self._restart_after_s:
-                raise self._given_up(source, error) from error
-            raise
-        self._last, self._good_s, self._failure_count = item, self._clock.now_s(), 0
 
     def _given_up(self, source: Source[T], error: Exception) -> SensorError:
         if self._is_current(source):

@@ -3,16 +3,16 @@
 ``rgb/`` and ``depth/`` (16-bit PNG), ``associations.txt`` (``t_rgb rgb t_depth depth``), ``calib.txt`` (``name value``
 lines: fx fy cx cy in pixels, k1 k2 p1 p2 k3 where the colour image is distorted, depth_factor in units per metre) and,
 where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``). A camera with an accelerometer adds
-``gravity.txt`` (``t x y z``): the unit vector that points down, in the camera's frame, of the frames with these stamps. The sighted person who records the road
-can name places on the way: ``marks.txt`` (``t kind name``), a line each.
+``gravity.txt`` (``t x y z``): the unit vector that points down, in the camera's frame, of the frames with these stamps.
+The sighted person who records the road can name places on the way: ``marks.txt`` (``t kind name``), a line each.
 
 A second, wide camera adds three things; a recording without them is whole as well. ``fisheye/`` holds its grey
 pictures, ``fisheye.txt`` (``t fisheye/name``) says when each was taken, on the depth camera's clock, and
 ``fisheye_calib.txt`` (``name value`` lines) describes it: fx fy in pixels per radian, cx cy in pixels, k1 k2 k3 k4 of
 Kannala and Brandt's model, max_angle_deg (half the field of view), and its mounting, the depth camera seen from the
 fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw; its width and height, which
-tell a live camera what to deliver, may be there too. A frame gets the picture
-that was taken nearest to it, at most MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
+tell a live camera what to deliver, may be there too. A frame gets the picture that was taken nearest to it, at most
+MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
 """
 
 from __future__ import annotations

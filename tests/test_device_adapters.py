@@ -7,13 +7,16 @@ import functools
 import io
 import itertools
 import os
+import sys
 import tempfile
 import threading
+import types
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -53,6 +56,7 @@ from device_agent.adapters.realsense import RealSenseSource
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.reopened_camera import ReopenedCamera
 from device_agent.adapters.serial_sonar import SerialSonar
+from device_agent.adapters.sound_device import SoundDeviceOutput
 from device_agent.adapters.uvc import open_uvc_camera
 from device_agent.adapters.wav_file import WavFileOutput
 from device_agent.ports import (
@@ -446,7 +450,17 @@ def test_where_there_are_no_buttons_nothing_is_pressed() -> None:
 
 
 # ----------------------------------------------------------------------------------------------------- outputs
+def _sound_device(folder: Path) -> CueOutput:
+    """On a stand-in for the package sounddevice: there is no earphone where tests run."""
+    silent = types.SimpleNamespace(
+        check_output_settings=lambda **_: None, play=lambda samples, rate_hz: None, wait=lambda: None
+    )
+    with patch.dict(sys.modules, sounddevice=silent):
+        return SoundDeviceOutput(Speech())
+
+
 OUTPUTS: list[Callable[[Path], CueOutput]] = [
+    _sound_device,
     lambda folder: FakeOutput(),
     lambda folder: TextOutput(io.StringIO()),
     lambda folder: TeeOutput([FakeOutput(), TextOutput(io.StringIO())]),

@@ -79,6 +79,8 @@ class ObstacleSettings(_Group):
     """Where no direction is free for δ, somebody who stands may begin to walk in one that is free for this."""
     stop_distance_m: float = _setting(0.8, 0.5, 2.0, step=0.05, source="design", safety=True)
     """Anything nearer than this straight ahead stops the walker at once."""
+    slow_reaction_s: float = _setting(0.9, 0.3, 2.0, step=0.1, source="reaction time 0.3–0.9 s", safety=True)
+    """Somebody who walks must have room to stop even where they react as slowly as this."""
     sub_goal_margin_m: float = _setting(0.5, 0.3, 1.0, step=0.05, source="design", safety=True)
     """Free space needed beyond a sub-goal that is nearer than δ."""
     person_width_m: float = _setting(0.7, 0.5, 1.2, step=0.05, source="design", safety=True)

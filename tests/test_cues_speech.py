@@ -259,6 +259,15 @@ def test_a_notice_does_not_take_the_place_of_a_message_that_waits():
     assert "Your friend is coming." in [cue.text for cue in heard(stream, memory)]
 
 
+def test_what_is_told_once_is_not_lost_behind_turns():
+    """Ten seconds of turning to and fro, each turn said at once: the message is said when it is quiet."""
+    _, memory = cues_for(guidance(Action.TURN, 0.0, 90.0), CueMemory(), ROUTE, SETTINGS, 0.0)
+    _, memory = say("Another way: 32 metres.", memory, SETTINGS, 0.1)
+    turns = [guidance(Action.TURN, i / 10, 40.0 if i // 10 % 2 else -40.0, heading_deg=i % 360) for i in range(2, 100)]
+    quiet = [guidance(Action.STOP, i / 10, None, Reason.PAUSED) for i in range(100, 140)]
+    assert "Another way: 32 metres." in [cue.text for cue in heard([*turns, *quiet], memory)]
+
+
 def test_an_announcement_that_steering_cuts_off_is_not_begun_again_and_again():
     """Somebody who wobbles: an announcement waits until they walk straight, and is said once."""
     stream = (

@@ -14,6 +14,8 @@ from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.cues.texts import Language, speech_duration_s
 
 _WAITS_AT_MOST_S = 4.0
+_MESSAGE_WAITS_AT_MOST_S = 20.0
+"""What is told once ("Another way", somebody at the console) is not lost behind a few turns on the spot."""
 PAUSE_S = 0.1
 """Silence between two sentences."""
 
@@ -49,7 +51,7 @@ def play(
         holds: whether a sentence that waits, or is being spoken, is still true.
     """
     cues = tuple(cues)
-    waiting = {cue.priority: cue for cue in bus.waiting if holds(cue) and now_s - cue.stamp_s <= _WAITS_AT_MOST_S}
+    waiting = {cue.priority: cue for cue in bus.waiting if holds(cue) and _may_wait(cue, now_s)}
     waiting |= {cue.priority: cue for cue in cues if not cue.is_tone}
     # Words that are no longer true do not keep the next ones waiting.
     speaking = bus.speaking if bus.speaking is not None and bus.is_speaking(now_s) and holds(bus.speaking) else None
@@ -62,6 +64,11 @@ def play(
     if speaking is not None:
         waiting.setdefault(speaking.priority, speaking)
     return (tone,), CueBus(bus.speaking, min(bus.until_s, now_s), tuple(waiting.values()), bus.repeatable)
+
+
+def _may_wait(cue: Cue, now_s: float) -> bool:
+    longest_s = _MESSAGE_WAITS_AT_MOST_S if cue.kind is CueKind.MESSAGE else _WAITS_AT_MOST_S
+    return now_s - cue.stamp_s <= longest_s
 
 
 def _begin(

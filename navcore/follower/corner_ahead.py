@@ -40,5 +40,5 @@ def corner_ahead(
     if settings.policy == "paper":
         turn_m = settings.turning_reached_m + _EARLY_M
     else:
-        turn_m = max(stopping_distance_m(speed_m_s, settings), settings.corner_reached_m)
+        turn_m = max(stopping_distance_m(speed_m_s, settings.reaction_s), settings.corner_reached_m)
     return CornerAhead(corner.route_index, distance_m, relative_angle(corner.bend_rad), turn_m)

@@ -26,7 +26,7 @@ BRAKING_M_S2 = 1.2
 """How people who walk come to a stand (K. Hase, R. Stein, J. Neurophysiology 80, 1998)."""
 _ARM_M = 1.0
 """A corner is a bend between the directions of the road so far before and behind it: recorded corners are rounded."""
-_SPEED_MEMORY_S = 0.5
+_SPEED_MEMORY_S = 0.25
 _FASTEST_M_S = 2.0
 _LONGEST_GAP_S = 1.0
 _STRAIGHT_M = 5.0
@@ -55,9 +55,9 @@ def walking_velocity_m_s(before: DecisionTrace, gap_s: float, pose: Pose2D) -> t
     return old_x + share * (scale * moved_m[0] - old_x), old_y + share * (scale * moved_m[1] - old_y)
 
 
-def stopping_distance_m(speed_m_s: float, settings: FollowerSettings) -> float:
+def stopping_distance_m(speed_m_s: float, reaction_s: float) -> float:
     """Return how far the walker goes on after an instruction to stop begins: reaction, then braking."""
-    return speed_m_s * settings.reaction_s + speed_m_s**2 / (2.0 * BRAKING_M_S2)
+    return speed_m_s * reaction_s + speed_m_s**2 / (2.0 * BRAKING_M_S2)
 
 
 def look_ahead_m(speed_m_s: float, settings: FollowerSettings) -> float:
@@ -100,7 +100,7 @@ def select_aim(
     """
     arcs = route.arc_length_m
     at_m = float(arcs[closest_index])
-    ahead_m, needed_m = look_ahead_m(speed_m_s, settings), stopping_distance_m(speed_m_s, settings)
+    ahead_m, needed_m = look_ahead_m(speed_m_s, settings), stopping_distance_m(speed_m_s, settings.reaction_s)
     passed = 0 if previous is None else previous.passed_index
     until_m = at_m + max(ahead_m, needed_m) + _ARM_M
     corner = next_corner(route, _behind(route, passed, closest_index), until_m, settings)
@@ -135,7 +135,7 @@ def expected_to(
     if goal.case is SubGoalCase.TURNING_POINT:
         goal = _straight_on(route, goal, look_ahead_m(speed_m_s, settings))
     elif goal.passed_index > closest_index:
-        on_m = stopping_distance_m(speed_m_s, settings)
+        on_m = stopping_distance_m(speed_m_s, settings.reaction_s)
         c, s = math.cos(pose.heading), math.sin(pose.heading)
         pose = Pose2D(pose.x_m + on_m * c, pose.y_m + on_m * s, pose.heading)
     return expected_direction(goal, pose)

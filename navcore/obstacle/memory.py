@@ -30,6 +30,8 @@ _KEPT_WITHIN_M = 3.0
 _LOW_M = 0.9
 """What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
+_LOW_FORGOTTEN_AFTER_S = 120.0
+"""Who stands before something low cannot see whether it is still there, however long they stand."""
 _STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
 _SEEN_TWICE = 2
@@ -173,6 +175,7 @@ def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_
     bearing_rad, range_m = seen_from(pose, memory.places_m)
     stays = (memory.top_m < _LOW_M) | (memory.seen_count >= _STANDS_COUNT)
     patience_s = np.where(stays, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
+    patience_s[(memory.top_m < _LOW_M) & (memory.seen_count >= _STANDS_COUNT)] = _LOW_FORGOTTEN_AFTER_S
     young = np.abs(now_s - memory.seen_s) <= patience_s
     index = bearing_index(scan, bearing_rad)
     inside = index >= 0

@@ -20,6 +20,8 @@ T_co = TypeVar("T_co", covariant=True)
 LONGEST_BACKOFF_S = 4.0
 TOLERATED_S = 0.25
 """What cannot be used is passed over for so long: one picture that comes twice need not stop anybody."""
+_MAX_PASSED_OVER = 10
+"""And no more than so many: a source that repeats itself may do so without waiting."""
 _FIRST_BACKOFF_S = 0.25
 _log = logging.getLogger(__name__)
 
@@ -87,10 +89,15 @@ class Reopening(Generic[T]):
         source = self._opened()
         # It may have been closed from another thread while it was being opened here.
         self._refuse_when_closed()
+        passed_over = 0
         while True:
             item = self._next_of(source)
-            if self._is_good(source, item):
+            fault = self._fault_of(source, item)
+            if fault is None:
                 return item
+            passed_over += 1
+            if passed_over >= _MAX_PASSED_OVER or self._clock.now_s() - self._good_s > TOLERATED_S:
+                raise fault
 
     def abandon(self) -> None:
         """Leave a source alone whose driver does not return, without closing it, which might hang as well."""
@@ -115,20 +122,15 @@ class Reopening(Generic[T]):
             raise SensorError(f"{self._name} did not answer.")
         return item
 
-    def _is_good(self, source: Source[T], item: T) -> bool:
-        """Return whether an item can be used. Raises SensorError where too many in a row could not."""
+    def _fault_of(self, source: Source[T], item: T) -> SensorError | None:
+        """Return why an item cannot be used, None where it can; give up a source that has given none for too long."""
         now_s = self._clock.now_s()
         try:
             self._check(item, self._last)
         except SensorError as error:
-            bad_for_s = now_s - self._good_s
-            if bad_for_s > self._restart_after_s:
-                raise self._given_up(source, error) from error
-            if bad_for_s > TOLERATED_S:
-                raise
-            return False
+            return self._given_up(source, error) if now_s - self._good_s > self._restart_after_s else error
         self._last, self._good_s, self._failure_count = item, now_s, 0
-        return True
+        return None
 
     def _is_current(self, source: Source[T]) -> bool:
         return source is self._source

@@ -6,6 +6,7 @@ A microcontroller pings and says what came back (:mod:`device_agent.adapters.son
 from __future__ import annotations
 
 import importlib.util
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -58,7 +59,8 @@ class SerialSource:
         try:
             self._port: serial.Serial = serial.Serial(path, baud, timeout=_READ_TIMEOUT_S, exclusive=True)
         except (OSError, ValueError) as error:
-            raise SensorError(f"No rangefinder is found at {path} ({error}): plug it in, or name its port.") from error
+            why = os.strerror(error.errno) if isinstance(error, OSError) and error.errno else str(error)
+            raise SensorError(f"No rangefinder is found at {path} ({why}): plug it in, or name its port.") from error
 
     def read(self) -> HeardLine:
         """Wait for the next line; of several that have come, the newest counts.

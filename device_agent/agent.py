@@ -11,15 +11,16 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
+from device_agent.adapters.fakes import NoButtons
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.loop import Ports, run_stages
 from device_agent.orders import Order, at_rest, carry_out
-from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
 from device_agent.screen import Screen
 from device_agent.state import (
     DeviceState,
@@ -66,6 +67,8 @@ class DeviceParts:
     """Hears of every change of the settings, besides the loop."""
     display: DisplayOutput | None = None
     """The displays of the glasses, where there are any."""
+    buttons: Buttons = field(default_factory=NoButtons)
+    """What the walker can press."""
 
 
 class DeviceAgent:

@@ -44,7 +44,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     settings = settings.changed(options.changes)
     warm_up()
     real = SystemClock()
-    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.recording is None else None
+    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
     clock: Clock = paced or real
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)
@@ -55,7 +55,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         )  # fmt: skip
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons,
         )  # fmt: skip
         _rehearse(hardware, localizer, settings)
         agent = DeviceAgent(parts, state, localizer)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import zlib
 from contextlib import ExitStack
 
 from device_agent.adapters.clocks import SystemClock
@@ -26,7 +27,7 @@ from device_agent.warm_up import warm_up
 from navcore.errors import SensorError, VbrError
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
-from navcore.site import load_site, map_checksum
+from navcore.site import map_checksum
 from navcore.wire import SetDestination
 
 _LONGEST_STEP_CYCLES = 1.5
@@ -36,9 +37,9 @@ _LONGEST_STEP_CYCLES = 1.5
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
     use_one_core()
-    site = load_site(options.site)
-    goal = find_place(site.poi_graph, options.to) if options.to else None
     store = DeviceStore(options.state, options.site)
+    site = store.load_map()
+    goal = find_place(site.poi_graph, options.to) if options.to else None
     store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
@@ -88,7 +89,13 @@ def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: Exi
     if journal.damaged is not None:
         text = f"The event journal was damaged and is kept as {journal.damaged.name}: events in it may be untold."
         journal.append(clock.now_s(), "link", text)
-    settings = LinkSettings(options.console_url, options.token, staging_folder(options.site), options.tls)
+    if store.went_back:
+        journal.append(clock.now_s(), "link", store.went_back)
+    settings = LinkSettings(
+        options.console_url, options.token, staging_folder(options.site), options.tls,
+        seed=zlib.crc32(options.device_id.encode()),
+    )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
+    link.on_link_state = store.save_link_state
     stack.callback(link.stop)
     return link

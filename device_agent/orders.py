@@ -61,7 +61,8 @@ def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
         case PublishGraph():
             return _publish(state, order.graph)
         case PreparedMap():
-            return replace(state, waiting_map=order), ()
+            told = (MapRunning(state.map_checksum, waiting_checksum=order.checksum),) if state.leading else ()
+            return replace(state, waiting_map=order), told
         case _:
             return state, ()
 

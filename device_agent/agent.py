@@ -11,15 +11,17 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
+from device_agent.adapters.fakes import NoButtons
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.loop import Ports, run_stages
+from device_agent.menu import pressed
 from device_agent.orders import Order, at_rest, carry_out
-from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
 from device_agent.screen import Screen
 from device_agent.state import (
     DeviceState,
@@ -27,6 +29,7 @@ from device_agent.state import (
     Happened,
     Notice,
     PreparedMap,
+    SayAgain,
     StoreGraph,
     StoreSettings,
     SwapMap,
@@ -34,7 +37,7 @@ from device_agent.state import (
 from device_agent.voice import Voice
 from device_agent.watchdog import Heartbeat, Watchdog
 from navcore.cues.table import Cue
-from navcore.errors import SiteError, VbrError
+from navcore.errors import SensorError, SiteError, VbrError
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
@@ -66,6 +69,8 @@ class DeviceParts:
     """Hears of every change of the settings, besides the loop."""
     display: DisplayOutput | None = None
     """The displays of the glasses, where there are any."""
+    buttons: Buttons = field(default_factory=NoButtons)
+    """What the walker can press."""
 
 
 class DeviceAgent:
@@ -80,6 +85,7 @@ class DeviceAgent:
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
+        self._buttons_gone = False
         self._version = metadata.version("virtual-blind-road")
         self.watchdog = Watchdog(
             parts.clock,
@@ -142,13 +148,14 @@ class DeviceAgent:
             self.watchdog.stop()
             if self.screen is not None:
                 self.screen.stop()
-            if self.state.mode == "guiding":
+            if self.state.on_the_way:
                 # Whoever still walks hears that nobody leads them any more.
                 self.watchdog.fault("The loop has ended.")
 
     def run_cycle(self) -> Cycle:
         """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
         self._guarded("taking orders", self._take_orders)
+        self._guarded("answering a button", self._take_presses)
         parts = self._parts
         ports = Ports(
             parts.clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s
@@ -179,7 +186,7 @@ class DeviceAgent:
 
     def _heartbeat(self, cycle: Cycle) -> Heartbeat:
         """A stop is right however old its picture is, and has been heard; only a loop that is gone is told of then."""
-        leading = self.state.mode == "guiding"
+        leading = self.state.on_the_way
         if cycle.guidance.action is Action.STOP:
             return Heartbeat(self._parts.clock.now_s(), leading, _STANDING_TIMEOUT_S)
         return Heartbeat(cycle.stamp_s, leading, self.state.settings.watchdog.guidance_timeout_s)
@@ -195,6 +202,20 @@ class DeviceAgent:
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
 
+    def _take_presses(self) -> None:
+        now_s = self._parts.clock.now_s()
+        try:
+            presses = self._parts.buttons.pressed()
+        except SensorError as error:
+            if not self._buttons_gone:
+                self._parts.uplink.event(now_s, "sensor", str(error)[:500])
+            self._buttons_gone = True
+            return
+        self._buttons_gone = False
+        for press in presses:
+            self.state, effects = pressed(self.state, press, now_s)
+            self._do_all(effects)
+
     # ----------------------------------------------------------------------------------------------- effects
     def _do_all(self, effects: tuple[Effect, ...]) -> None:
         for effect in effects:
@@ -204,7 +225,9 @@ class DeviceAgent:
         now_s = self._parts.clock.now_s()
         match effect:
             case Notice():
-                self._report_cues(self._voice.say(effect.text, self.state.settings, now_s))
+                self._report_cues(self._voice.say(effect, self.state.settings, now_s))
+            case SayAgain():
+                self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
             case Happened():
                 self._parts.uplink.event(now_s, effect.kind, effect.text)
             case SwapMap():

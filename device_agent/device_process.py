@@ -16,6 +16,7 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import make_localizer
 from device_agent.map_download import staging_folder
+from device_agent.orders import Lead
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.sensors import Hardware, open_hardware
@@ -24,10 +25,10 @@ from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
 from navcore.errors import SensorError, VbrError
+from navcore.modes import Mode
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
 from navcore.site import load_site, map_checksum
-from navcore.wire import SetDestination
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
@@ -51,7 +52,8 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         localizer = make_localizer(site, hardware.camera.intrinsics, settings)
         uplink = _uplink(options, store, real, stack)
         state = DeviceState(
-            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
+            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
+            promised_ready=True,
         )  # fmt: skip
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
@@ -63,10 +65,10 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             agent.announce()
             uplink.start(agent)
         if goal is not None:
-            agent.submit(SetDestination(goal.id))
+            agent.submit(Lead(goal.id))
         ends_itself = goal is not None and options.console_url is None
         agent.run(stopped, until_over=ends_itself)
-        return 0 if not ends_itself or agent.state.mode == "arrived" or stopped.is_set() else 1
+        return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
 
 
 def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> None:

@@ -6,6 +6,8 @@ gives something fresh or raises SensorError; it never gives what is old as if it
 
 from __future__ import annotations
 
+import enum
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from navcore.cues.overlay import Overlay
@@ -17,7 +19,7 @@ from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning
 
 KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
 """What tells the console which of its orders runs."""
-EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
 
 
 class Clock(Protocol):
@@ -73,6 +75,47 @@ class DisplayOutput(Protocol):
 
     def show(self, overlay: Overlay) -> None:
         """Show the pictures now, instead of those before. Never blocks longer than handing them over takes."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Button(enum.Enum):
+    """The buttons on the glasses; what they mean is decided in :mod:`device_agent.menu`."""
+
+    MAIN = "main"
+    NEXT = "next"
+    PREVIOUS = "previous"
+    REPEAT = "repeat"
+
+
+class PressKind(enum.Enum):
+    """How a button was pressed."""
+
+    SHORT = "short"
+    """Let go again at once; told when it is let go."""
+    LONG = "long"
+    """Held; told while it is still held, so that the walker knows when to let go."""
+
+
+@dataclass(frozen=True, slots=True)
+class ButtonPress:
+    """Somebody has pressed a button."""
+
+    stamp_s: float
+    """When it was known what kind of press it is, seconds on the device's clock."""
+    button: Button
+    kind: PressKind
+
+
+class Buttons(Protocol):
+    """The buttons that the walker can feel."""
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Return what was pressed since the last call, in order, each once, without waiting.
+
+        Raises SensorError where the buttons are gone; they come back by themselves.
+        """
         ...
 
     def close(self) -> None: ...

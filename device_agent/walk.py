@@ -16,6 +16,7 @@ from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts, LocalizerFactory
 from device_agent.cycle import Cycle
 from device_agent.localization import make_localizer
+from device_agent.orders import Lead
 from device_agent.places import find_place
 from device_agent.ports import CueOutput, DisplayOutput, LocalizerPort
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
@@ -33,7 +34,6 @@ from navcore.errors import InputError
 from navcore.geometry import FloatArray
 from navcore.settings import Settings
 from navcore.site import Site
-from navcore.wire import SetDestination
 
 _AFTER_ARRIVAL_S = 2.0
 """The walker needs this long to come to a stand; a contact meanwhile counts."""
@@ -123,7 +123,7 @@ def lead(
     outputs: list[CueOutput] = [SimulatedEar(world, clock), heard, *([output] if output is not None else [])]
     parts = DeviceParts(clock, camera, sonar, TeeOutput(outputs), NoUplink(), lambda *_: localizer, display=display)
     agent = DeviceAgent(parts, state, localizer)
-    agent.submit(SetDestination(destination_id))
+    agent.submit(Lead(destination_id))
     samples = _walked(agent, world, sonar, max_s, meanwhile)
     return samples, tuple(heard.cues)
 
@@ -148,9 +148,10 @@ def _walked(
         agent.watchdog.check()
         if agent.screen is not None:
             agent.screen.check()
-        samples.append(Sample(cycle, np.array(world.true_head().translation[:2]), agent.state.mode, agent.state.route))
+        state, head_m = agent.state, np.array(world.true_head().translation[:2])
+        samples.append(Sample(cycle, head_m, state.purpose, state.route))
         meanwhile(Moment(agent, world, sonar, cycle))
-        if not ended and agent.state.mode in ("arrived", "idle"):
+        if not ended and not agent.state.leading:
             ended, end_s = True, min(end_s, world.now_s() + _AFTER_ARRIVAL_S)
         if not ended and agent.state.route is None and world.now_s() > begin_s + _NO_WAY_S:
             break

@@ -27,9 +27,11 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 
 from navcore.errors import WireError
+from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
+"""2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons."""
 MAX_MESSAGE_BYTES = 4 << 20
 
 Text = Annotated[str, msgspec.Meta(max_length=500)]
@@ -96,7 +98,7 @@ class WalkerState(_Message, frozen=True, tag="state"):
     last_cue_stamp_s: float | None = None
     cycle_ms: float = 0.0
     frame_rate_hz: float = 0.0
-    mode: Literal["idle", "guiding", "paused", "arrived"] = "idle"
+    mode: Mode = Mode.LOCALIZING
     destination_id: ShortText | None = None
 
 
@@ -124,7 +126,7 @@ class Event(_Message, frozen=True, tag="event"):
 
     sequence: int
     stamp_s: Finite
-    kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+    kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
     text: Text
 
 
@@ -185,6 +187,10 @@ class Resume(_Message, frozen=True, tag="resume"):
     """Go on after a pause."""
 
 
+class Repeat(_Message, frozen=True, tag="repeat"):
+    """Say the last sentence again."""
+
+
 class Say(_Message, frozen=True, tag="say"):
     """Speak a sentence to the walker."""
 
@@ -228,8 +234,8 @@ DeviceMessage = (
     Hello | WalkerState | DepthImage | RouteChanged | Event | SettingsRunning | GraphRunning | MapRunning | Pong
 )
 ConsoleMessage = (
-    Welcome | SetDestination | ClearDestination | Pause | Resume | Say | ApplySettings | PublishGraph | MapAvailable
-    | EventConfirmed | Ping
+    Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
+    | MapAvailable | EventConfirmed | Ping
 )  # fmt: skip
 
 _encoder = msgspec.msgpack.Encoder()

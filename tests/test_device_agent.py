@@ -19,6 +19,7 @@ from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
 from navcore.geometry import Transform, world_from_camera_at
+from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_poi_graph, load_site, map_checksum, save_site
@@ -133,7 +134,7 @@ def rig() -> Rig:
     return Rig()
 
 
-def test_leads_from_idle_to_arrived(rig: Rig) -> None:
+def test_leads_from_the_start_to_arrived(rig: Rig) -> None:
     assert rig.cycles(1)[0].guidance.reason is Reason.NO_ROUTE
     rig.pose = pose_at(14.0)
     cycle = rig.lead_to()
@@ -185,7 +186,7 @@ def test_whoever_is_not_led_hears_that_once_and_nothing_of_the_sensors(rig: Rig)
 def test_an_unreachable_or_unknown_place_is_refused_in_words(rig: Rig) -> None:
     for poi_id, word in (("attic", "Attic"), ("cellar", "cellar")):
         rig.lead_to(poi_id)
-        assert rig.agent.state.mode == "idle"
+        assert rig.agent.state.mode is Mode.READY
         rig.cycles(30)
         refusal = rig.messages(RouteChanged)[-1].refusal
         assert word in refusal
@@ -224,7 +225,7 @@ def test_a_cleared_destination_stops_the_walker_audibly(rig: Rig) -> None:
 def test_a_destination_waits_for_the_pose(rig: Rig) -> None:
     rig.pose = None
     assert rig.lead_to().guidance.reason is Reason.POSE_LOST
-    assert rig.uplink.states[-1].mode == "guiding"
+    assert rig.uplink.states[-1].mode is Mode.LOST
     rig.pose = pose_at(0.5)
     assert rig.cycles(6)[-1].guidance.action is Action.WALK
 
@@ -508,7 +509,7 @@ def test_an_output_that_fails_ends_neither_the_loop_nor_the_watchdog_and_stop_is
 def test_an_order_that_cannot_be_carried_out_stops_the_walker_and_the_loop_goes_on(rig: Rig) -> None:
     rig.lead_to()
     broken = Site.__new__(Site)
-    rig.agent.state = replace(rig.agent.state, mode="idle")
+    rig.agent.state = replace(rig.agent.state, mode=Mode.READY)
     rig.agent.submit(PreparedMap(Path("nowhere"), "sum", broken, FakeLocalizer(rig.locate)))
     rig.cycles(2)
     rig.agent.state = replace(rig.agent.state, waiting_map=None)

@@ -32,6 +32,7 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.ClearDestination(),
     wire.Pause(),
     wire.Resume(),
+    wire.Repeat(),
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),
     wire.PublishGraph(PoiGraph(1, {"a": Poi("a", "A", "room", 0.0, 0.0)})),

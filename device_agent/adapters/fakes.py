@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from device_agent.ports import Clock, EventKind, KeptMessage
+from device_agent.ports import ButtonPress, Clock, EventKind, KeptMessage
 from navcore.cues.overlay import Overlay
 from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
@@ -139,6 +139,40 @@ class FakeDisplay:
     def close(self) -> None:
         """Be dark from now on."""
         self._closed = True
+
+
+class FakeButtons:
+    """Buttons that a program presses."""
+
+    def __init__(self) -> None:
+        self._waiting: list[ButtonPress] = []
+        self._closed = False
+
+    def press(self, press: ButtonPress) -> None:
+        """Press a button; it is told at the next look."""
+        self._waiting.append(press)
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Return what was pressed since the last call. Raises SensorError after closing."""
+        if self._closed:
+            raise SensorError("The buttons are closed: start the device again.")
+        waiting, self._waiting = tuple(self._waiting), []
+        return waiting
+
+    def close(self) -> None:
+        """Tell nothing from now on."""
+        self._closed = True
+
+
+class NoButtons:
+    """There are no buttons."""
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Nobody can press anything."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing to close."""
 
 
 class FakeLocalizer:

@@ -1,4 +1,4 @@
-"""``vbr settings``, ``vbr cues`` and ``vbr warm-up``."""
+"""``vbr settings``, ``vbr cues``, ``vbr states`` and ``vbr warm-up``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add ``vbr settings``, ``vbr cues`` and ``vbr warm-up``."""
+    """Add ``vbr settings``, ``vbr cues``, ``vbr states`` and ``vbr warm-up``."""
     settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
     settings.add_argument("--json", action="store_true", help="as JSON")
     settings.add_argument("--markdown", action="store_true", help="as the page of the docs")
@@ -17,6 +17,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     cues = subparsers.add_parser("cues", help="list everything that the walker can hear and see")
     cues.add_argument("--markdown", action="store_true", help="as the page of the docs")
     cues.set_defaults(run=_list_cues)
+    states = subparsers.add_parser("states", help="list the states of the device, and what the buttons mean in each")
+    states.add_argument("--markdown", action="store_true", help="as the page of the docs")
+    states.set_defaults(run=_list_states)
     warm = subparsers.add_parser("warm-up", help="compile everything now, so that nobody waits for it while walking")
     warm.set_defaults(run=_warm_up)
 
@@ -56,6 +59,31 @@ def _print_cues() -> None:
     for kind, entry in sorted(CUE_TABLE.items(), key=lambda item: -item[1].priority):
         priority = entry.priority.name.lower().replace("_", " ")
         table.add_row(kind.value, priority, entry.verbosity, entry.meaning, entry.sound, entry.picture)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def _list_states(arguments: argparse.Namespace) -> int:
+    if arguments.markdown:
+        from device_agent.states_page import states_markdown
+
+        sys.stdout.write(states_markdown())
+    else:
+        _print_states()
+    return 0
+
+
+def _print_states() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from device_agent.states import STATES
+    from navcore.modes import Mode
+
+    table = Table("state", "at the console", "what it means", "may be told", "what leads out of it")
+    for mode in Mode:
+        told = ", ".join(sorted(action.value for action in STATES[mode].allows))
+        out = [f"{event.value} → {answer.to.value}" for event, answer in STATES[mode].answers.items() if answer.to]
+        table.add_row(mode.value, mode.label, mode.sentence, told, "; ".join(out))
     Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 

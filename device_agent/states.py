@@ -200,7 +200,8 @@ STATES: dict[Mode, StateEntry] = {
         _LED
         | _refusals(paused=(StateEvent.PAUSE,))
         | {
-            StateEvent.DESTINATION: Transition(Mode.GUIDING, StateAction.CHANGE_WAY, "destination"),
+            # Whoever stands is not led on along the old way where there is no new one.
+            StateEvent.DESTINATION: Transition(Mode.GUIDING, StateAction.SET_OUT, "destination"),
             StateEvent.RESUME: Transition(Mode.GUIDING, StateAction.GO_ON),
             StateEvent.STOP: Transition(Mode.READY, StateAction.END_WAY),
         },

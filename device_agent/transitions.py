@@ -56,7 +56,7 @@ def happen(
     if transition.says and by is not By.DEVICE:
         said = (Notice(_words(state, transition, poi_id, by), answers=True),)
     if transition.refused:
-        return state, (*said, *_refusal(state, event, transition, now_s))
+        return state, (*said, *_refusal(state, event, now_s))
     state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal))
     if state.purpose is not purpose and event not in _TOLD_OTHERWISE and transition.action is not StateAction.SET_OUT:
         effects = (mode_event(state), *effects)
@@ -89,9 +89,9 @@ def _words(state: DeviceState, transition: Transition, poi_id: str, by: By) -> s
     return texts.get(key, texts[transition.says]).format(name=state.place_name(poi_id))
 
 
-def _refusal(state: DeviceState, event: StateEvent, transition: Transition, now_s: float) -> tuple[Effect, ...]:
-    """The console hears of a refusal as well."""
-    why = TEXTS[state.settings.cues.language][transition.says]
+def _refusal(state: DeviceState, event: StateEvent, now_s: float) -> tuple[Effect, ...]:
+    """The console hears of a refusal as well, in words for those who watch."""
+    why = state.purpose.sentence
     happened = Happened("mode", f"Refused: {event.value}. {why}")
     if event is StateEvent.DESTINATION:
         return happened, RouteChanged(now_s, refusal=why)

@@ -36,6 +36,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sensors = parser.add_argument_group("sensors")
     sensors.add_argument("--simulated", action="store_true", help="walk in the simulated building, in real time")
     sensors.add_argument("--recording", type=Path, metavar="DIR", help="play a recording as the camera")
+    sensors.add_argument("--buttons", choices=("keyboard",), help="what the walker can press: keys of this terminal")
     sensors.add_argument("--start", default="Hall", metavar="PLACE", help="where the simulated walker stands")
     add_simulation_options(sensors, seed=1)
 
@@ -129,4 +130,5 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         sound=arguments.sound,
         print_cues=not arguments.quiet,
         overlay=arguments.overlay,
+        buttons=arguments.buttons,
     )

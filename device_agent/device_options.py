@@ -35,5 +35,7 @@ class DeviceOptions:
     wav: Path | None = None
     sound: bool = False
     print_cues: bool = True
+    buttons: str | None = None
+    """What the walker can press: ``keyboard``, or nothing."""
     overlay: Path | None = None
     """Folder for the pictures of the see-through overlay."""

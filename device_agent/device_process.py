@@ -57,7 +57,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         )  # fmt: skip
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons,
         )  # fmt: skip
         _rehearse(hardware, localizer, settings)
         agent = DeviceAgent(parts, state, localizer)

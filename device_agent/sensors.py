@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
-from device_agent.adapters.fakes import NoSonar
+from device_agent.adapters.fakes import NoButtons, NoSonar
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.device_options import DeviceOptions
-from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.simulation.pace import PacedCamera, PacedClock
 from device_agent.speech import Speech
 from navcore.recording import open_recording
@@ -25,6 +25,7 @@ class Hardware:
     sonar: Sonar
     output: CueOutput
     display: DisplayOutput | None = None
+    buttons: Buttons = field(default_factory=NoButtons)
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from now on."""
@@ -49,7 +50,17 @@ def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stac
     display = _display(options)
     if display is not None:
         stack.callback(display.close)
-    return Hardware(camera, sonar, output, display)
+    buttons = _buttons(options, clock)
+    stack.callback(buttons.close)
+    return Hardware(camera, sonar, output, display, buttons)
+
+
+def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+    if options.buttons is None:
+        return NoButtons()
+    from device_agent.adapters.keyboard_buttons import KeyboardButtons
+
+    return KeyboardButtons(clock)
 
 
 def _display(options: DeviceOptions) -> DisplayOutput | None:

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import termios
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -105,3 +106,53 @@ def test_the_process_streams_takes_orders_survives_the_console_and_ends_cleanly(
     assert device.returncode == 0, output
     assert "Traceback" not in output
     assert (tmp_path / "heard.wav").stat().st_size > 10_000
+
+
+@pytest.fixture
+def keyboard(room: tuple[Path, Path], tmp_path: Path) -> Iterator[tuple[int, subprocess.Popen[str]]]:
+    """``vbr device`` in a terminal of its own, without any console: the terminal's other end, and the process."""
+    recording, site_folder = room
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(
+        [
+            sys.executable, "-m", "device_agent", "device", "--site", str(site_folder), "--recording", str(recording),
+            "--state", str(tmp_path / "state"), "--buttons", "keyboard",
+        ],
+        stdin=theirs, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )  # fmt: skip
+    yield ours, process
+    process.kill()
+    process.communicate()
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_the_walker_chooses_starts_and_stops_with_keys_alone(keyboard: tuple[int, subprocess.Popen[str]]) -> None:
+    terminal, process = keyboard
+    assert process.stdout is not None
+    before = termios.tcgetattr(terminal)
+
+    def hear(*words: str) -> str:
+        for line in process.stdout:  # type: ignore[union-attr]
+            if any(each in line for each in words):
+                return line
+        raise AssertionError(f"never said {words}")
+
+    # However slowly this machine plays the recorded walk, and wherever in it the keys are pressed.
+    hear("Ready.")
+    os.write(terminal, b"\x1b[C")
+    if "Far end" not in hear("1 of 2."):
+        os.write(terminal, b"\x1b[C")
+        assert "Far end" in hear("2 of 2.")
+    os.write(terminal, b" ")
+    hear("To Far end.")
+    os.write(terminal, b"s")
+    if "Off duty." not in hear("Stop. No destination.", "Off duty."):
+        os.write(terminal, b"s")
+        hear("Off duty.")
+    os.write(terminal, b"w")
+    hear("You are off duty. Press the main button to go on duty.")
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(20.0) == 0
+    assert termios.tcgetattr(terminal) == before, "the terminal is put back as it was"

@@ -37,8 +37,10 @@ _STANDS_COUNT = 6
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
-_HEARD_FORGOTTEN_AFTER_S = 8.0
-_HEARD_WITHIN_M = 2.0
+_HEARD_FORGOTTEN_AFTER_S, _HEARD_OFTEN_FORGOTTEN_AFTER_S = 8.0, 40.0
+_HEARD_OFTEN = 4
+"""Who goes round a pane has it beside them, where nothing hears it, for as long as that takes."""
+_HEARD_WITHIN_M = 2.6
 _SILENT_FOR_S = 0.5
 """An echo that fails to come once or twice says nothing: a pane that is met aslant returns few."""
 _UNSEEN_MARGIN_M = 0.4
@@ -106,7 +108,9 @@ def remember_heard(
         now_s: the present time.
     """
     bearing_rad, range_m = seen_from(pose, heard.places_m)
-    kept = (np.abs(now_s - heard.seen_s) <= _HEARD_FORGOTTEN_AFTER_S) & (range_m < _KEPT_WITHIN_M)
+    often = heard.seen_count >= _HEARD_OFTEN
+    patience_s = np.where(often, _HEARD_OFTEN_FORGOTTEN_AFTER_S, _HEARD_FORGOTTEN_AFTER_S)
+    kept = (np.abs(now_s - heard.seen_s) <= patience_s) & (range_m < _KEPT_WITHIN_M)
     if echo_m is None:
         return heard.kept(kept)
     reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)

@@ -49,7 +49,7 @@ def _to_wanted(state: DeviceState, pose: Pose2D, wanted_id: str, now_s: float) -
         route = _route_anyhow(state, pose, wanted_id, now_s)
     except PlanningError as error:
         return _refused(state, wanted_id, str(error), now_s)
-    changed = state.destination_id != wanted_id or state.route is None
+    changed = state.destination_id != wanted_id
     state = replace(_with_route(state, route), destination_id=wanted_id, wanted_id=None)
     effects: tuple[Effect, ...] = (mode_event(state),) if changed else ()
     return state, (*effects, _route_message(state, now_s))

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from device_agent.sensor_names import SensorName
 from navcore.settings import SettingValue
 
 
@@ -26,7 +27,18 @@ class DeviceOptions:
     to: str | None = None
     """A place to lead to at once."""
     recording: Path | None = None
-    """A recording to play as the camera; the simulated building where it is None."""
+    """A recording to play as the camera."""
+    camera: SensorName | None = None
+    """A depth camera; where neither this nor a recording is named, the device walks in the simulated building."""
+    fisheye: str | None = None
+    """The fisheye camera: a device, or a video file."""
+    fisheye_calibration: Path | None = None
+    """Lens, picture size and mounting of the fisheye camera."""
+    sonar: SensorName | None = None
+    """The rangefinder; the simulated one in the simulated building."""
+    buttons: SensorName | None = None
+    screen: SensorName | None = None
+    """The displays of the glasses."""
     seed: int = 1
     start: str = "Hall"
     """Where the simulated walker stands."""
@@ -35,7 +47,10 @@ class DeviceOptions:
     wav: Path | None = None
     sound: bool = False
     print_cues: bool = True
-    buttons: str | None = None
-    """What the walker can press: ``keyboard``, or nothing."""
     overlay: Path | None = None
     """Folder for the pictures of the see-through overlay."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the device walks in the simulated building."""
+        return self.recording is None and self.camera is None

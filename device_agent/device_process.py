@@ -45,7 +45,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     settings = settings.changed(options.changes)
     warm_up()
     real = SystemClock()
-    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.recording is None else None
+    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
     clock: Clock = paced or real
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)

@@ -14,7 +14,7 @@ from navcore.cues.overlay import Overlay
 from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.settings import Settings
-from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading
+from navcore.types import CameraIntrinsics, FisheyeImage, Frame, Localization, SonarReading
 from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning, WalkerState
 
 KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
@@ -47,11 +47,24 @@ class DepthCamera(Protocol):
     def close(self) -> None: ...
 
 
+class WideCamera(Protocol):
+    """The second, fisheye camera."""
+
+    def read(self) -> FisheyeImage:
+        """Wait for the next picture and return it. Raises SensorError when none comes, or it is not fresh."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class Sonar(Protocol):
     """An ultrasonic rangefinder that looks where the camera looks."""
 
     def read(self) -> SonarReading:
-        """Return the latest reading without waiting; its state says STALE or ABSENT where there is none."""
+        """Return the latest reading without waiting; its state says STALE or ABSENT where there is none.
+
+        Raises SensorError, with a sentence for people, where the rangefinder has failed.
+        """
         ...
 
     def close(self) -> None: ...

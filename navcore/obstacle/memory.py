@@ -41,6 +41,8 @@ _HEARD_FORGOTTEN_AFTER_S, _HEARD_OFTEN_FORGOTTEN_AFTER_S = 8.0, 40.0
 _HEARD_OFTEN = 4
 """Who goes round a pane has it beside them, where nothing hears it, for as long as that takes."""
 _HEARD_WITHIN_M = 2.6
+_HEARD_BESIDE_M = 0.15
+"""What is heard may reach so far beyond the ultrasonic field: a pane has no edge that could be heard."""
 _SILENT_FOR_S = 0.5
 """An echo that fails to come once or twice says nothing: a pane that is met aslant returns few."""
 _UNSEEN_MARGIN_M = 0.4
@@ -120,8 +122,9 @@ def remember_heard(
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))
     if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:
         return heard
-    count = 2 + int(2.0 * half_field_rad * echo_m / CELL_M)
-    points = placed(pose, np.linspace(-half_field_rad, half_field_rad, count), np.full(count, echo_m))
+    half_arc_rad = half_field_rad + _HEARD_BESIDE_M / max(echo_m, _HEARD_BESIDE_M)
+    count = 2 + int(2.0 * half_arc_rad * echo_m / CELL_M)
+    points = placed(pose, np.linspace(-half_arc_rad, half_arc_rad, count), np.full(count, echo_m))
     cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
     top_m = np.full(len(cells), _HEARD_TOP_M)
     return _merged(heard, ObstacleMemory(cells, top_m, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))

@@ -21,6 +21,7 @@ from navcore.follower.gate import current_reading, echo_distance_m
 from navcore.guide import guide
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, remember_heard, with_memory
+from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
@@ -46,6 +47,8 @@ class Ports:
     voice: Voice
     stale_s: Callable[[], float]
     """When the watchdog last found guidance stale."""
+    scan: Scanner = scan_depth
+    """What reduces a depth image to bearings."""
 
 
 @dataclass(slots=True)
@@ -103,7 +106,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         sure = located.quality is LocalizationQuality.LOCALIZED
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
+        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
         sonar = _sonar(ports, frame.stamp_s)
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
     with times.stage("guide"):

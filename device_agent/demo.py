@@ -12,6 +12,7 @@ import json
 import sys
 from pathlib import Path
 
+from device_agent.recording.options import add_recording_options, recording_options
 from device_agent.scenario_options import add_scenario_options, scenario_from
 from device_agent.simulation_options import add_simulation_options, positive_number
 
@@ -32,6 +33,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     add_simulation_options(parser, seed=1)
     parser.add_argument("--from", dest="start", default="Hall", metavar="PLACE", help="where the walker stands")
     parser.add_argument("--port", type=int, default=8765, help="of the console; 0 takes any free one")
+    add_recording_options(parser.add_argument_group("recording"))
     headless = parser.add_argument_group("without a browser")
     headless.add_argument("--headless", action="store_true", help="walk without a browser, and print the figures")
     headless.add_argument("--to", default="Wash room", metavar="PLACE", help="destination (default: %(default)s)")
@@ -54,6 +56,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from navcore.settings import Settings, parse_assignment
 
     # Before the first start's minutes of mapping.
+    record = recording_options(arguments)
     office_floor().place(arguments.start)
     scenario_from(arguments)
     Settings().changed(dict(parse_assignment(text) for text in arguments.set))
@@ -63,7 +66,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from device_agent.demo_processes import run_live_demo
 
     return run_live_demo(
-        arguments.data, site, arguments.port, arguments.seed, arguments.start, arguments.size, arguments.rate_hz
+        arguments.data, site, arguments.port, arguments.seed, arguments.start, arguments.size, arguments.rate_hz, record
     )
 
 

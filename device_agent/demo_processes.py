@@ -14,6 +14,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from device_agent.recording.options import RecordingOptions, recording_flags
 from navcore.errors import VbrError
 from navcore.site import load_poi_graph, map_checksum
 
@@ -25,7 +26,14 @@ _POLL_S = 0.1
 
 
 def run_live_demo(
-    data: Path, site: Path, port: int, seed: int, start: str, size_px: tuple[int, int], rate_hz: float
+    data: Path,
+    site: Path,
+    port: int,
+    seed: int,
+    start: str,
+    size_px: tuple[int, int],
+    rate_hz: float,
+    record: RecordingOptions | None = None,
 ) -> int:
     """Run console and device until Ctrl-C, or until the device ends by itself. Returns the exit code.
 
@@ -55,6 +63,7 @@ def run_live_demo(
             "--console", url.replace("http", "ws", 1), "--token-file", str(token_file),
             "--simulated", "--seed", str(seed), "--start", start,
             "--size", f"{size_px[0]}x{size_px[1]}", "--rate-hz", f"{rate_hz:g}",
+            *recording_flags(record),
         ]  # fmt: skip
         device = stack.enter_context(_process(device_command))
         _greet(ready, site)

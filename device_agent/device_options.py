@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from device_agent.recording.options import RecordingOptions
 from navcore.settings import SettingValue
 
 
@@ -37,3 +38,5 @@ class DeviceOptions:
     print_cues: bool = True
     overlay: Path | None = None
     """Folder for the pictures of the see-through overlay."""
+    record: RecordingOptions | None = None
+    """What is recorded of the walk; nothing where it is None."""

@@ -15,6 +15,7 @@ from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, F
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
+from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
@@ -81,13 +82,14 @@ class Rig:
     pose: Transform | None = field(default_factory=lambda: pose_at(0.5))
     spoil: Callable[[Frame], Frame | Exception] = lambda frame: frame
     locate_error: Exception | None = None
+    tap: Tap = field(default_factory=Tap)
 
     def __post_init__(self) -> None:
         self.output, self.uplink = FakeOutput(), FakeUplink()
         self.sonar = FakeSonar(self.clock)
         parts = DeviceParts(
             self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output, self.uplink,
-            lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store,
+            lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, tap=self.tap,
         )  # fmt: skip
         self.agent = DeviceAgent(
             parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)

@@ -17,6 +17,7 @@ from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.wrappers_pb2 import BytesValue
 from mcap.exceptions import InvalidMagic, McapError
+from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
@@ -89,6 +90,18 @@ class RecordedPart:
                 known[record.id] = record
             elif isinstance(record, Message) and record.channel_id in known:
                 yield known[record.channel_id], record
+
+    def length_s(self) -> float | None:
+        """Return how much time the file covers, by its index alone; None where it was not completed."""
+        try:
+            with self.path.open("rb") as file:
+                summary = SeekingReader(file, record_size_limit=MAX_RECORD_BYTES).get_summary()
+        except (OSError, *_DAMAGE):
+            return None
+        if summary is None or summary.statistics is None:
+            return None
+        begin_ns, end_ns = summary.statistics.message_start_time, summary.statistics.message_end_time
+        return max(0, end_ns - begin_ns) / foxglove.NS_PER_S
 
     def repair(self, target: Path) -> None:
         """Write what is whole to a new file, with an index. Raises InputError, OSError."""

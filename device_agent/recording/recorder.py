@@ -27,9 +27,10 @@ from device_agent.recording.notes import (
     NotingSonar,
     noting_scanner,
 )
+from device_agent.recording.options import RecordingOptions
 from device_agent.recording.tap import Tap
 from device_agent.recording.transcript import CycleItem, Message, happened, heard
-from device_agent.recording.walk_files import FLUSH_EVERY_S, RecordingOptions, WalkFiles
+from device_agent.recording.walk_files import FLUSH_EVERY_S, WalkFiles
 from device_agent.state import DeviceState
 from device_agent.voice import VoiceMemory
 from navcore.cues.table import Cue
@@ -48,10 +49,12 @@ class WalkRecorder(Tap):
     def __init__(self, options: RecordingOptions, files: WalkFiles | None = None) -> None:
         """``files`` is where it is written; made from the options where it is None."""
         self._pictures = options.pictures
-        self._files = files or WalkFiles(options, self._told)
+        self.files = files or WalkFiles(options, self.told)
+        """Where it goes; the recorder's thread alone writes there."""
         self._uplink: Uplink | None = None
         self._pad = Notepad()
-        self._number = 0
+        self.cycle_count = 0
+        """Cycles since recording began."""
         self._before: tuple[DeviceState, VoiceMemory] | None = None
         self._intrinsics: CameraIntrinsics | None = None
         self._waiting: deque[_Item] = deque()
@@ -113,8 +116,8 @@ class WalkRecorder(Tap):
         self._before, self._intrinsics = (state, voice), intrinsics
 
     def rehearsed(self, frame: Frame) -> None:
-        """A picture was located before the first cycle: the localizer remembers it."""
-        self._files.rehearsal = frame
+        """Keep it for the first file: the localizer remembers it."""
+        self.files.rehearsal = frame
 
     def cycle_begins(self) -> None:
         """Take a new notepad."""
@@ -126,13 +129,13 @@ class WalkRecorder(Tap):
 
     def cycle_ended(self, state: DeviceState, voice: VoiceMemory, cycle: Cycle) -> None:
         """Leave the cycle for the disk."""
-        self._number += 1
+        self.cycle_count += 1
         assert self._before is not None, "the agent begins before it runs"
         before, self._before = self._before, (state, voice)
         pad = self._pad
         if pad.frame is not None and not self._may_keep_pictures():
             pad.frame = None
-        item = CycleItem(self._number, pad, replace(cycle, frame=None), state, *before, self.pictures_dropped)
+        item = CycleItem(self.cycle_count, pad, replace(cycle, frame=None), state, *before, self.pictures_dropped)
         self._offer(item)
 
     # ------------------------------------------------------------------------------------------- beside the loop
@@ -140,7 +143,7 @@ class WalkRecorder(Tap):
         """Write all that waits, and hand it to the operating system where that is due."""
         while (item := self._next()) is not None:
             self._write(item)
-        self._files.flush_if_due()
+        self.files.flush_if_due()
 
     def start(self) -> None:
         """Write from a thread of its own until :meth:`close`; one that writes already goes on."""
@@ -156,7 +159,7 @@ class WalkRecorder(Tap):
         if self._thread is not None:
             self._thread.join()
         self.check()
-        self._files.close()
+        self.files.close()
 
     def _run(self) -> None:
         while not self._closed:
@@ -166,10 +169,10 @@ class WalkRecorder(Tap):
 
     def _write(self, item: _Item) -> None:
         if isinstance(item, list):
-            self._files.add(item)
+            self.files.add(item)
             return
         assert self._intrinsics is not None
-        self._files.add_cycle(item, self._intrinsics)
+        self.files.add_cycle(item, self._intrinsics)
 
     def _next(self) -> _Item | None:
         with self._changed:
@@ -192,7 +195,7 @@ class WalkRecorder(Tap):
                     self._waiting_pictures += 1
                 self._changed.notify_all()
         if is_news:
-            self._told("The disk takes nothing: a part of the walk is not recorded.")
+            self.told("The disk takes nothing: a part of the walk is not recorded.")
 
     def _may_keep_pictures(self) -> bool:
         if not self._pictures:
@@ -203,7 +206,7 @@ class WalkRecorder(Tap):
         self.pictures_dropped += 1
         return False
 
-    def _told(self, text: str) -> None:
+    def told(self, text: str) -> None:
         """Tell the console of a trouble with the disk."""
         state_s = self._pad.now_s[-1] if self._pad.now_s else 0.0
         if self._uplink is not None:

@@ -8,6 +8,7 @@ replay shows what that would have changed, as far as a walker who went as they d
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,6 +37,7 @@ from navcore.types import (
     CameraIntrinsics,
     DepthImage,
     Frame,
+    Guidance,
     Localization,
     ObstacleScan,
     SonarReading,
@@ -84,6 +86,36 @@ def replay(
             raise InputError(f"{part.path} does not follow on what was replayed before: name every file of one walk.")
         for recorded in part.cycles():
             yield run.replayed(recorded)
+
+
+def cue_line(cue: Cue) -> dict[str, object]:
+    """Return a cue as a stored list of cues has it: to the millisecond and the tenth of a degree, so that another
+    processor's last bit is no difference."""
+    line: dict[str, object] = {"s": round(cue.stamp_s, 3), "kind": cue.kind.value}
+    if cue.text:
+        line["text"] = cue.text
+    for name, value in (("angle_deg", cue.angle_deg), ("distance_m", cue.distance_m), ("hz", cue.frequency_hz)):
+        if value is not None:
+            line[name] = round(value, 1)
+    return line
+
+
+def difference(cycle: ReplayedCycle) -> dict[str, object]:
+    """Return in words what a cycle came to then, and now."""
+    then, now = cycle.notes.guidance, cycle.cycle.guidance
+    return {
+        "cycle": cycle.notes.number,
+        "stamp_s": then.stamp_s,
+        "in": list(cycle.differs_in),
+        "then": _in_words(then, cycle.notes.cues),
+        "now": _in_words(now, cycle.cues),
+    }
+
+
+def _in_words(guidance: Guidance, cues: tuple[Cue, ...]) -> str:
+    direction = "" if guidance.direction is None else f" {math.degrees(guidance.direction):+.1f}°"
+    said = "".join(f" “{cue.text}”" for cue in cues if cue.text)
+    return f"{guidance.action.value}{direction} ({guidance.reason.value}){said}"
 
 
 class _Run:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from device_agent.orders import Order
     from device_agent.state import DeviceState
     from device_agent.voice import VoiceMemory
-    from navcore.types import CameraIntrinsics
+    from navcore.types import CameraIntrinsics, Frame
 
 
 class Tap:
@@ -50,6 +50,9 @@ class Tap:
 
     def begin(self, state: DeviceState, voice: VoiceMemory, intrinsics: CameraIntrinsics) -> None:
         """The agent has been put together; no cycle has run."""
+
+    def rehearsed(self, frame: Frame) -> None:
+        """The localizer has seen a frame before the agent was put together."""
 
     def cycle_begins(self) -> None:
         """Orders are taken next."""

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
+from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.errors import InputError
@@ -33,23 +34,6 @@ RETRY_AFTER_S = 30.0
 _PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,60})-(?P<part>[0-9]{3,6})\.mcap")
 _MAX_EARLY = 256
 _log = logging.getLogger(__name__)
-
-
-@dataclass(frozen=True, slots=True)
-class RecordingOptions:
-    """What is recorded, where, and for how long it is kept."""
-
-    folder: Path
-    pictures: bool = False
-    """Colour, depth and fisheye pictures as well; without them, nobody who was met can be seen."""
-    device_id: str = "glasses"
-    max_part_bytes: int = 512 << 20
-    max_part_s: float = 600.0
-    max_total_bytes: int = 16 << 30
-    keep_s: float = 7 * 86_400.0
-    """Older files are removed: a recording is for finding out what happened, not for good."""
-    reserve_bytes: int = 256 << 20
-    """So much of the disk is left to the rest of the device."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -46,6 +46,8 @@ from navcore.wire import decode_from_console
 
 T = TypeVar("T")
 MakeLocalizer = Callable[[CameraIntrinsics, Settings], LocalizerPort]
+_SEEN_WITH = ("localization.", "obstacle.")
+"""Settings that poses and scans were made with."""
 _NOT_NOTED = Raised("LookupError", "The recording does not tell.")
 _NO_COLOUR, _NO_DEPTH = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
 
@@ -78,10 +80,16 @@ def replay(
     Raises:
         InputError: where what is needed is not in the files; the text says what to do.
     """
+    changes = changes or {}
+    if make_localizer is None and any(key.startswith(_SEEN_WITH) for key in changes):
+        raise InputError(
+            "Poses and scans of a recording are those of then: to replay it under other settings of localization or"
+            " obstacles, name --site, and a recording with pictures."
+        )
     run: _Run | None = None
     for part in parts:
         if make_localizer is None or run is None:
-            run = _Run(part, make_localizer, changes or {})
+            run = _Run(part, make_localizer, changes)
         elif part.opening.walk_id != run.walk_id or part.opening.next_number != run.next_number:
             raise InputError(f"{part.path} does not follow on what was replayed before: name every file of one walk.")
         for recorded in part.cycles():
@@ -160,7 +168,7 @@ class _Run:
         cycle = self._agent.run_cycle()
         cues = tuple(self._tap.cues)
         pairs = {
-            "localization": (cycle.localization, notes.localization), "scan": (self._tap.seen, notes.scan),
+            "localization": (self._tap.located, notes.localization), "scan": (self._tap.seen, notes.scan),
             "guidance": (cycle.guidance, notes.guidance), "cues": (cues, notes.cues),
         }  # fmt: skip
         differs_in = tuple(name for name, (now, then) in pairs.items() if not exact.same(now, then))
@@ -203,20 +211,22 @@ class _ReplayTap(Tap):
     """Gives the loop what was noted, each thing as often as it asked for it then."""
 
     def __init__(self, from_pictures: bool) -> None:
-        self._from_pictures = from_pictures
+        self.from_pictures = from_pictures
         self._now_s: Iterator[float] = iter(())
         self._stale_s: Iterator[float] = iter(())
         self._stop_counts: Iterator[int] = iter(())
         self._last_now_s, self._last_stale_s, self._last_stop_count = 0.0, -np.inf, 0
         self.recorded: RecordedCycle | None = None
         self.cues: list[Cue] = []
+        self.located: Localization | None = None
+        """The pose of this cycle's frame."""
         self.seen: ObstacleScan | None = None
         """The scan of this cycle's image."""
 
     def load(self, recorded: RecordedCycle) -> None:
         """Make ready for a cycle."""
         notes = recorded.notes
-        self.recorded, self.cues, self.seen = recorded, [], None
+        self.recorded, self.cues, self.located, self.seen = recorded, [], None, None
         self._now_s, self._stale_s, self._stop_counts = iter(notes.now_s), iter(notes.stale_s), iter(notes.stop_counts)
 
     @property
@@ -263,14 +273,13 @@ class _ReplayTap(Tap):
             world_from_camera: Transform | None,
             settings: ObstacleSettings,
         ) -> ObstacleScan:
-            if self._from_pictures:
+            if self.from_pictures:
                 self.seen = scan(depth_m, intrinsics, world_from_camera, settings)
             else:
                 self.seen = _given(self.notes.scan, self.notes.scan_error)
             return self.seen
 
-        localizer = ports.localizer if self._from_pictures else _ReplayedLocalizer(self)
-        return replace(ports, localizer=localizer, scan=seen, stale_s=self.stale_s)
+        return replace(ports, localizer=_ReplayedLocalizer(self, ports.localizer), scan=seen, stale_s=self.stale_s)
 
 
 def _given(value: T | None, error: Raised | None) -> T:
@@ -324,15 +333,21 @@ class _ReplayedSonar:
 
 
 class _ReplayedLocalizer:
-    def __init__(self, tap: _ReplayTap) -> None:
-        self._tap = tap
+    def __init__(self, tap: _ReplayTap, localizer: LocalizerPort) -> None:
+        self._tap, self._localizer = tap, localizer
 
     def locate(self, frame: Frame) -> Localization:
-        """Return the pose; raise what was raised."""
-        return _given(self._tap.notes.localization, self._tap.notes.localization_error)
+        """Return the pose of then, or the one that the pictures show; raise what was raised."""
+        notes = self._tap.notes
+        if self._tap.from_pictures:
+            self._tap.located = self._localizer.locate(frame)
+        else:
+            self._tap.located = _given(notes.localization, notes.localization_error)
+        return self._tap.located
 
     def apply(self, settings: Settings) -> None:
-        """The poses are those of then."""
+        """Run other settings from the next frame on."""
+        self._localizer.apply(settings)
 
 
 class _ReplayedOutput:

@@ -27,6 +27,7 @@ from device_agent.recording.walk_files import parts_in
 from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
 from navcore.geometry import Transform
+from navcore.recording import depth_from_units, units_from_depth
 from navcore.settings import Settings
 from navcore.types import Action, FisheyeCamera, FisheyeImage, FisheyeIntrinsics, Frame, Reason
 from navcore.wire import ApplySettings, ClearDestination, Say, SetDestination
@@ -161,7 +162,7 @@ def wide_picture(stamp_s: float) -> FisheyeImage:
 def spoiled(frame: Frame) -> Frame:
     rng = np.random.default_rng(round(10 * frame.stamp_s))
     colour = rng.integers(0, 256, frame.colour_rgb.shape, np.uint8)
-    depth = frame.depth_m if rng.random() < 0.5 else np.round(frame.depth_m, 2)
+    depth = frame.depth_m if rng.random() < 0.5 else depth_from_units(units_from_depth(frame.depth_m, 1000.0), 1000.0)
     return replace(frame, colour_rgb=colour, depth_m=depth, fisheye=wide_picture(frame.stamp_s))
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import threading
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -19,6 +20,8 @@ from device_agent.recording.notes import Opening
 LIBRARY = "virtual-blind-road"
 METADATA_NAME = "walk"
 OPENING_NAME, OPENING_TYPE = "opening", "application/msgpack"
+OPENING_CRC = "opening_crc32"
+"""MCAP's readers do not look at the checksums of attachments."""
 _CHUNK_BYTES = 4 << 20
 _MAX_SEQUENCE = 0xFFFF_FFFF
 
@@ -35,8 +38,9 @@ class PartWriter:
         self._encoders: dict[str, Callable[[Any], bytes]] = {}
         self._unflushed_bytes = 0
         self._writer.start(library=LIBRARY)
-        self._writer.add_metadata(METADATA_NAME, description)
-        self._writer.add_attachment(0, 0, OPENING_NAME, OPENING_TYPE, exact.encode(opening))
+        begins_with = exact.encode(opening)
+        self._writer.add_metadata(METADATA_NAME, {**description, OPENING_CRC: checksum(begins_with)})
+        self._writer.add_attachment(0, 0, OPENING_NAME, OPENING_TYPE, begins_with)
 
     @property
     def size_bytes(self) -> int:
@@ -77,6 +81,11 @@ class PartWriter:
         self._channel_ids[channel.topic] = channel_id
         self._encoders[channel.topic] = encoder_of(channel)
         return channel_id
+
+
+def checksum(data: bytes) -> str:
+    """Return the CRC-32 of what a file begins with."""
+    return f"{zlib.crc32(data):08x}"
 
 
 def create(path: Path) -> BinaryIO:

@@ -16,15 +16,15 @@ from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.wrappers_pb2 import BytesValue
-from mcap.exceptions import InvalidMagic, McapError
+from mcap.exceptions import McapError
 from mcap.reader import SeekingReader
 from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import CompressionType, Writer
+from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
 
 from device_agent.recording import channels, exact, foxglove
 from device_agent.recording.notes import CycleNotes, FrameNotes, Opening
-from device_agent.recording.part_writer import LIBRARY, METADATA_NAME, OPENING_NAME
+from device_agent.recording.part_writer import LIBRARY, METADATA_NAME, OPENING_CRC, OPENING_NAME, checksum
 from device_agent.recording.walk_files import FORMAT_VERSION
 from navcore.errors import InputError
 from navcore.types import FisheyeImage, Frame
@@ -136,6 +136,9 @@ class RecordedPart:
                 self.description = dict(record.metadata)
                 self._refuse_newer()
             elif isinstance(record, Attachment) and record.name == OPENING_NAME and self.description:
+                if checksum(record.data) != self.description.get(OPENING_CRC):
+                    self.damage = "what it begins with has changed"
+                    break
                 return exact.decode(record.data, Opening)
             elif isinstance(record, Message | Footer):
                 break
@@ -161,14 +164,11 @@ class RecordedPart:
         except OSError as error:
             raise InputError(f"{self.path} cannot be read ({error.strerror}): name a file of a walk.") from error
         with file:
+            if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
+                raise InputError(f"{self.path} is no MCAP file: name a file that `vbr walks list` shows.")
+            file.seek(0)
             try:
                 yield from _unpacked(StreamReader(file, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES))
-            except InvalidMagic as error:
-                if file.tell() <= len(b"\x89MCAP0\r\n"):
-                    raise InputError(
-                        f"{self.path} is no MCAP file: name a file that `vbr walks list` shows."
-                    ) from error
-                self.damage = "it ends in the middle"
             except OSError as error:
                 raise InputError(f"{self.path} cannot be read ({error.strerror}): copy it elsewhere.") from error
             except _DAMAGE as error:

@@ -189,7 +189,6 @@ def _write_cues(path: Path, cues: list[dict[str, Any]]) -> None:
 def _localizers(folder: Path, parts: list[RecordedPart]) -> MakeLocalizer:
     """Return what localizes in the map of then. Raises InputError where it is another map."""
     from device_agent.localization import make_localizer
-    from device_agent.warm_up import warm_up
     from navcore.site import load_site, map_checksum
 
     site, checksum = load_site(folder), map_checksum(folder)
@@ -197,7 +196,6 @@ def _localizers(folder: Path, parts: list[RecordedPart]) -> MakeLocalizer:
         then = part.opening.state.map_checksum
         if then and then != checksum:
             raise InputError(f"{part.path} was recorded in another map than {folder}: name the map of then.")
-    warm_up()
     return lambda intrinsics, settings: make_localizer(site, intrinsics, settings)
 
 

@@ -124,8 +124,11 @@ def in_turn(walk: Walk, folder: Path) -> dict[str, Any]:
     devices = {name: Device(walk, recorders.get(name, Tap()), SteppedClock()) for name in ("nothing", *recorders)}
     loop_ms: dict[str, list[float]] = {name: [] for name in devices}
     write_ms: dict[str, list[float]] = {name: [] for name in recorders}
-    for _ in walk.seen:
-        for name, device in devices.items():
+    names = list(devices)
+    for number in range(len(walk.seen)):
+        # Who comes first finds the caches cold.
+        for name in names[number % len(names) :] + names[: number % len(names)]:
+            device = devices[name]
             loop_ms[name].append(_cpu_ms(device.cycle))
             if name in recorders:
                 write_ms[name].append(_cpu_ms(recorders[name].check))

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import msgspec
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -59,14 +58,14 @@ class Channel:
 
 
 COLOUR = Channel(
-    "/camera/colour", CompressedImage, "What the camera saw: PNG, so that nothing is lost.", "each frame", True
+    "/camera/colour", RawImage, "What the camera saw (rgb8), as it was: nothing is lost.", "each frame", True
 )
 DEPTH = Channel(
     "/camera/depth", RawImage,
     "Depth: whole millimetres (16UC1) where the frame's depths are that, metres (32FC1) where they are not.",
     "each frame", True,
 )  # fmt: skip
-FISHEYE = Channel("/fisheye/grey", CompressedImage, "What the fisheye camera saw: PNG.", "each frame with one", True)
+FISHEYE = Channel("/fisheye/grey", RawImage, "What the fisheye camera saw (mono8).", "each frame with one", True)
 CALIBRATION = Channel("/camera/calibration", CameraCalibration, "The camera's geometry.", "at the beginning")
 FISHEYE_CALIBRATION = Channel(
     "/fisheye/calibration", CameraCalibration, "The fisheye camera's lens.", "with its first picture", True

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
+from typing import Any
 
-import cv2
 import numpy as np
 from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
 from foxglove_schemas_protobuf.CameraCalibration_pb2 import CameraCalibration
 from foxglove_schemas_protobuf.Color_pb2 import Color
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.LaserScan_pb2 import LaserScan
@@ -55,8 +54,6 @@ from navcore.types import (
 MAP, WALKER, CAMERA, FISHEYE = "map", "walker", "camera", "fisheye"
 NS_PER_S = 1_000_000_000
 _MM_PER_M = 1000.0
-_PNG_SPEED = [cv2.IMWRITE_PNG_COMPRESSION, 1]
-"""The fastest that still compresses: pictures of a camera are noise to the slower levels as well."""
 _ABOVE_FLOOR_M = 0.02
 """Lines lie a little above the floor, so that a grid drawn there does not hide them."""
 _ROAD = Color(r=0.4, g=0.6, b=1.0, a=0.8)
@@ -81,51 +78,53 @@ def timestamp(stamp_s: float) -> Timestamp:
 
 
 # --------------------------------------------------------------------------------------------------- pictures
-def picture(stamp_s: float, frame_id: str, pixels: ImageRgb | ImageGrey) -> CompressedImage:
-    """Return a colour (h, w, 3) or grey (h, w) picture as PNG, without loss."""
-    bgr = pixels[:, :, ::-1] if pixels.ndim == 3 else pixels
-    done, data = cv2.imencode(".png", np.ascontiguousarray(bgr), _PNG_SPEED)
-    assert done, "OpenCV writes every picture of 8 bits"
-    return CompressedImage(timestamp=timestamp(stamp_s), frame_id=frame_id, data=data.tobytes(), format="png")
+def picture(stamp_s: float, frame_id: str, pixels: ImageRgb | ImageGrey) -> RawImage:
+    """Return a colour (h, w, 3) or grey (h, w) picture as it is.
+
+    PNG would be two thirds of it after the file's own packing, and take the processor twenty times as long, which the
+    loop needs more than the disk needs the room.
+    """
+    return _raw(stamp_s, frame_id, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 
-def pixels_of(image: CompressedImage) -> NDArray[np.uint8]:
+def pixels_of(image: RawImage) -> NDArray[np.uint8]:
     """Return the pixels of a picture, (h, w, 3) red first, or (h, w) grey. Raises InputError."""
-    try:
-        pixels = cv2.imdecode(np.frombuffer(image.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error as error:
-        raise InputError(f"A picture of the recording is damaged ({error}): replay without pictures.") from error
-    if pixels is None or pixels.dtype != np.uint8 or pixels.ndim not in (2, 3):
-        raise InputError("A picture of the recording is damaged: replay it without --site, from poses and scans.")
-    return np.ascontiguousarray(pixels[:, :, ::-1] if pixels.ndim == 3 else pixels, dtype=np.uint8)
+    channels = {"rgb8": (3,), "mono8": ()}.get(image.encoding)
+    return _values(image, "u1", channels).astype(np.uint8)
 
 
 def depth_image(stamp_s: float, depth_m: DepthImage) -> RawImage:
     """Return depths (h, w), metres, without loss: as whole millimetres where they are that, else as they are."""
     millimetres = units_from_depth(depth_m, _MM_PER_M)
     if np.array_equal(depth_from_units(millimetres, _MM_PER_M), depth_m, equal_nan=True):
-        encoding, data = "16UC1", millimetres.astype("<u2")
-    else:
-        encoding, data = "32FC1", depth_m.astype("<f4")
-    height, width = depth_m.shape
-    return RawImage(
-        timestamp=timestamp(stamp_s), frame_id=CAMERA, width=width, height=height, encoding=encoding,
-        step=width * data.itemsize, data=data.tobytes(),
-    )  # fmt: skip
+        return _raw(stamp_s, CAMERA, millimetres.astype("<u2"), "16UC1")
+    return _raw(stamp_s, CAMERA, depth_m.astype("<f4"), "32FC1")
 
 
 def depths_of(image: RawImage) -> DepthImage:
     """Return the depths (h, w), metres. Raises InputError."""
-    dtype = {"16UC1": "<u2", "32FC1": "<f4"}.get(image.encoding)
+    if image.encoding == "16UC1":
+        return depth_from_units(_values(image, "<u2", ()).astype(np.uint16), _MM_PER_M)
+    return _values(image, "<f4", () if image.encoding == "32FC1" else None).astype(np.float32)
+
+
+def _raw(stamp_s: float, frame_id: str, values: NDArray[Any], encoding: str) -> RawImage:
+    height, width = values.shape[:2]
+    return RawImage(
+        timestamp=timestamp(stamp_s), frame_id=frame_id, width=width, height=height, encoding=encoding,
+        step=values.nbytes // max(1, height), data=values.tobytes(),
+    )  # fmt: skip
+
+
+def _values(image: RawImage, dtype: str, channels: tuple[int, ...] | None) -> NDArray[Any]:
     try:
-        if dtype is None:
+        if channels is None:
             raise ValueError(image.encoding)
-        values = np.frombuffer(image.data, dtype).reshape(image.height, image.width)
+        return np.frombuffer(image.data, dtype).reshape(image.height, image.width, *channels)
     except ValueError as error:
-        raise InputError("A depth image of the recording is damaged: replay it without --site.") from error
-    if dtype == "<u2":
-        return depth_from_units(values.astype(np.uint16), _MM_PER_M)
-    return values.astype(np.float32)
+        raise InputError(
+            "A picture of the recording is damaged: replay it without --site, from poses and scans."
+        ) from error
 
 
 def calibration(stamp_s: float, camera: CameraIntrinsics) -> CameraCalibration:

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import zstandard
-from foxglove_schemas_protobuf.CompressedImage_pb2 import CompressedImage
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.wrappers_pb2 import BytesValue
@@ -32,9 +31,7 @@ from navcore.types import FisheyeImage, Frame
 MAX_RECORD_BYTES = 128 << 20
 """No chunk that is written here comes near it."""
 _DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, DecodeError, OverflowError, MemoryError, KeyError)
-_PICTURES = {
-    channels.COLOUR.topic: CompressedImage, channels.DEPTH.topic: RawImage, channels.FISHEYE.topic: CompressedImage,
-}  # fmt: skip
+_PICTURES = frozenset({channels.COLOUR.topic, channels.DEPTH.topic, channels.FISHEYE.topic})
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -201,9 +198,9 @@ def _bytes_value(data: bytes) -> bytes:
 def _frame(notes: FrameNotes, pictures: dict[str, bytes]) -> Frame:
     """Return a frame from its pictures. Raises InputError where one is missing or damaged."""
     try:
-        colour = CompressedImage.FromString(pictures[channels.COLOUR.topic])
+        colour = RawImage.FromString(pictures[channels.COLOUR.topic])
         depth = RawImage.FromString(pictures[channels.DEPTH.topic])
-        wide = CompressedImage.FromString(pictures[channels.FISHEYE.topic]) if notes.fisheye_camera else None
+        wide = RawImage.FromString(pictures[channels.FISHEYE.topic]) if notes.fisheye_camera else None
     except (KeyError, DecodeError) as error:
         raise InputError(
             "Pictures of the recording are missing or damaged: replay it without --site, from poses and scans."

@@ -20,7 +20,8 @@ from test_device_agent import Rig, pose_at
 from test_recording_replay import spoiled, wide_picture
 
 from device_agent.recording import foxglove
-from device_agent.recording.channels import CHANNELS, schema_of, table_markdown
+from device_agent.recording.channels import CHANNELS, GUIDANCE, SETTINGS, Channel, schema_of, table_markdown
+from device_agent.recording.json_schema import plain_schema
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.walk_files import parts_in
@@ -94,15 +95,55 @@ def test_every_channel_of_the_table_is_in_the_file_with_its_schema(walked: tuple
         assert len(recorded.protobuf[topic]) == 30
 
 
+def known_values(value: Any) -> Any:
+    """Return a value without what is not known: null has no schema of its own, since viewers have no word for it."""
+    if isinstance(value, dict):
+        return {key: known_values(each) for key, each in value.items() if each is not None}
+    return [known_values(each) for each in value] if isinstance(value, list) else value
+
+
 def test_our_values_keep_to_their_schemas(walked: tuple[Recorded, list[Frame], Rig]) -> None:
     recorded, _, _ = walked
     for topic, values in recorded.json.items():
-        schema = json.loads(recorded.schemas[topic][2])
-        # Foxglove wants an object at the root, and no reference to elsewhere.
-        assert schema["type"] == "object"
-        validator = jsonschema.Draft202012Validator(schema)
+        validator = jsonschema.Draft202012Validator(json.loads(recorded.schemas[topic][2]))
         for value in values:
-            validator.validate(value)
+            validator.validate(known_values(value))
+
+
+def assert_lichtblick_reads(schema: dict[str, Any], where: str) -> None:
+    """Lichtblick shows nothing of a channel whose schema has more than this in it."""
+    assert schema["type"] == "object", where
+    assert "oneOf" not in schema
+    for name, each in schema["properties"].items():
+        inner = each["items"] if each["type"] == "array" else each
+        assert inner["type"] in ("boolean", "string", "number", "integer", "object"), f"{where}.{name}"
+        assert "contentEncoding" not in inner
+        if inner["type"] == "object":
+            assert_lichtblick_reads(inner, f"{where}.{name}")
+
+
+@pytest.mark.parametrize("channel", [each for each in CHANNELS if not each.is_protobuf], ids=lambda each: each.topic)
+def test_every_viewer_understands_the_schemas(channel: Channel) -> None:
+    schema = json.loads(schema_of(channel))
+    assert_lichtblick_reads(schema, channel.topic)
+    assert "$ref" not in json.dumps(schema)
+
+
+def test_the_decision_trace_can_be_plotted() -> None:
+    trace = json.loads(schema_of(GUIDANCE))["properties"]["trace"]["properties"]
+    assert {"deviation_m", "expected", "sonar_m", "candidates", "sub_goal", "rule"} <= set(trace)
+    assert trace["candidates"]["items"]["properties"]["clearance_m"]["type"] == "number"
+    settings = json.loads(schema_of(SETTINGS))["properties"]["settings"]["properties"]
+    assert settings["gate"]["properties"]["clearance_m"]["type"] == "number"
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [{"type": "string"}, {"anyOf": [{"type": "object", "properties": {}}, {"type": "string"}]}, {"enum": [1, "a"]}, {}],
+)
+def test_what_is_no_object_is_no_message(schema: dict[str, Any]) -> None:
+    with pytest.raises(ValueError, match="only objects"):
+        plain_schema(schema)
 
 
 def test_pictures_and_depth_are_what_the_loop_saw(walked: tuple[Recorded, list[Frame], Rig]) -> None:
@@ -177,7 +218,7 @@ def test_road_route_and_advice_are_shown_in_the_map(walked: tuple[Recorded, list
 def test_settings_orders_cues_and_log_tell_what_happened(walked: tuple[Recorded, list[Frame], Rig]) -> None:
     recorded, _, rig = walked
     assert [each["revision"] for each in recorded.json["/settings"]] == [0, 7]
-    assert recorded.json["/settings"][1]["values"]["follower.sub_goal_distance_m"] == 1.5
+    assert recorded.json["/settings"][1]["settings"]["follower"]["sub_goal_distance_m"] == 1.5
     assert [each["kind"] for each in recorded.json["/orders"]] == ["SetDestination", "ApplySettings", "Say"]
     heard = [each["cue"]["text"] for each in recorded.json["/cues"] if each["speaker"] == "loop"]
     assert heard == [cue.text for cue in rig.output.cues]

@@ -2,35 +2,44 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 from dataclasses import replace
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from recorded_walk import STORED_CUES, STORED_WALK, Walked, heard_again, record
-from test_device_agent import INTRINSICS, Rig, pose_at
+from test_device_agent import GRAPH, INTRINSICS, Rig, pose_at
 
 from device_agent.adapters.fakes import FakeLocalizer
 from device_agent.cli import main
 from device_agent.ports import CueOutput
 from device_agent.recording import exact
 from device_agent.recording.notes import CycleNotes, OrderTaken, Raised
-from device_agent.recording.options import RecordingOptions
+from device_agent.recording.options import (
+    RecordingOptions,
+    add_recording_options,
+    recording_flags,
+    recording_options,
+)
 from device_agent.recording.reading import RecordedCycle, RecordedPart
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.replay import ReplayedCycle, replay
 from device_agent.recording.walk_files import parts_in
+from device_agent.state import PreparedMap
 from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
 from navcore.geometry import Transform
 from navcore.recording import depth_from_units, units_from_depth
 from navcore.settings import Settings
+from navcore.site import Site
 from navcore.types import Action, FisheyeCamera, FisheyeImage, FisheyeIntrinsics, Frame, Reason
-from navcore.wire import ApplySettings, ClearDestination, Say, SetDestination
+from navcore.wire import ApplySettings, ClearDestination, PublishGraph, Say, SetDestination
 
 
 @pytest.fixture(scope="module")
@@ -335,3 +344,78 @@ def test_settings_of_then_are_the_ones_that_run(walk: tuple[Path, Walked]) -> No
     opening = RecordedPart(walk[0]).opening
     assert opening.state.settings == Settings()
     assert opening.intrinsics.width_px == INTRINSICS.width_px
+
+
+# ------------------------------------------------------------------------------------ maps, graphs, and the flags
+def test_maps_and_graphs_that_are_taken_on_the_way_are_taken_again(tmp_path: Path, small_site: Site) -> None:
+    """A map that waits for a stop waits over the beginning of a file as well."""
+    recorder = WalkRecorder(RecordingOptions(tmp_path, max_part_bytes=60_000, reserve_bytes=0))
+    rig = Rig(tap=recorder)
+
+    def run(count: int) -> None:
+        for _ in range(count):
+            rig.cycles(1)
+            recorder.check()
+
+    rig.agent.submit(SetDestination("bar"))
+    run(5)
+    rig.agent.submit(PublishGraph(msgspec.structs.replace(GRAPH, version=4)))
+    run(3)
+    rig.agent.submit(PreparedMap(tmp_path, "new-map", small_site, FakeLocalizer(rig.locate)))
+    run(40)
+    rig.agent.submit(ClearDestination())
+    run(3)
+    assert (rig.agent.state.map_checksum, rig.agent.state.site_id) == ("new-map", "small")
+    rig.agent.submit(SetDestination("bar"))
+    run(6)
+    recorder.close()
+    parts = [RecordedPart(path) for path in parts_in(tmp_path)]
+    assert any(part.opening.waiting_map is not None for part in parts)
+    for part in parts:
+        cycles = list(replay([part]))
+        assert [(each.notes.number, each.differs_in) for each in cycles if each.differs_in] == []
+    assert cycles[-1].cycle.guidance.trace.remaining_m is not None
+
+
+def test_a_map_that_changes_ends_a_replay_from_pictures_in_words(tmp_path: Path, small_site: Site) -> None:
+    recorder = WalkRecorder(RecordingOptions(tmp_path, pictures=True, reserve_bytes=0))
+    rig = Rig(tap=recorder)
+    rig.agent.submit(PreparedMap(tmp_path, "new-map", small_site, FakeLocalizer(rig.locate)))
+    rig.cycles(2)
+    recorder.close()
+    with pytest.raises(InputError, match="map was changed"):
+        list(replay([RecordedPart(parts_in(tmp_path)[0])], lambda camera, settings: FakeLocalizer(rig.locate)))
+
+
+def flags(*words: str) -> RecordingOptions | None:
+    parser = argparse.ArgumentParser()
+    add_recording_options(parser)
+    return recording_options(parser.parse_args(words), "cane")
+
+
+def test_nothing_is_recorded_unless_it_is_asked_for() -> None:
+    assert flags() is None
+    assert recording_flags(None) == []
+    options = flags("--record", "walks")
+    assert options == RecordingOptions(Path("walks"), pictures=False, device_id="cane")
+
+
+@pytest.mark.parametrize("words", [[], ["--record-pictures"], ["--record-gb", "0.7", "--record-days", "1.5"]])
+def test_the_flags_reach_another_process_as_they_are(words: list[str]) -> None:
+    options = flags("--record", "walks", *words)
+    assert flags(*recording_flags(options)) == options
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--record-pictures"], "needs a folder"),
+        (["--record", str(STORED_CUES)], "is a file"),
+        (["--record", "x", "--record-gb", "nan"], "--record-gb"),
+        (["--record", "x", "--record-gb", "0"], "--record-gb"),
+        (["--record", "x", "--record-days", "-1"], "--record-days"),
+    ],
+)
+def test_flags_that_make_no_sense_are_refused_in_words(words: list[str], sentence: str) -> None:
+    with pytest.raises(InputError, match=sentence):
+        flags(*words)

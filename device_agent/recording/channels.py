@@ -19,9 +19,17 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.message import Message
 from google.protobuf.wrappers_pb2 import BytesValue
 
-from device_agent.recording.messages import HeardCue, OrderMessage, PoseMessage, StageTimesMessage
+from device_agent.recording.json_schema import plain_schema
+from device_agent.recording.messages import (
+    SETTINGS_SCHEMA,
+    HeardCue,
+    OrderMessage,
+    PoseMessage,
+    SettingsMessage,
+    StageTimesMessage,
+)
 from navcore.types import Guidance, SonarReading
-from navcore.wire import SettingsRunning, WalkerState
+from navcore.wire import WalkerState
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +92,7 @@ GUIDANCE = Channel("/guidance", Guidance, "What guidance decided, with the whole
 LOCALIZATION = Channel("/localization", PoseMessage, "Pose, quality and standard deviation.", "each frame")
 SONAR = Channel("/sonar", SonarReading, "The rangefinder's reading.", "each frame")
 CUES = Channel("/cues", HeardCue, "What the walker heard, words and tones, and who said it.", "as they are played")
-SETTINGS = Channel("/settings", SettingsRunning, "The settings, and their revision.", "at the beginning, and on change")
+SETTINGS = Channel("/settings", SettingsMessage, "The settings, and their revision.", "at the beginning, and on change")
 DEVICE = Channel("/device", WalkerState, "What the console is told of the device.", "each cycle")
 ORDERS = Channel("/orders", OrderMessage, "What somebody asked of the device.", "as they are carried out")
 STAGES = Channel("/stages", StageTimesMessage, "How long each stage took.", "each cycle")
@@ -100,7 +108,10 @@ CHANNELS: tuple[Channel, ...] = (
 @cache
 def schema_of(channel: Channel) -> bytes:
     """Return the channel's schema, as MCAP's registry wants it."""
-    return _descriptors(channel.kind) if channel.is_protobuf else _json_schema(channel.kind)
+    if channel.is_protobuf:
+        return _descriptors(channel.kind)
+    schema = SETTINGS_SCHEMA if channel.kind is SettingsMessage else msgspec.json.schema(channel.kind)
+    return msgspec.json.encode(plain_schema(schema))
 
 
 def encoder_of(channel: Channel) -> Callable[[Any], bytes]:
@@ -137,11 +148,3 @@ def _descriptors(kind: type[Message]) -> bytes:
     for file in files.values():
         file.CopyToProto(whole.file.add())
     return whole.SerializeToString()
-
-
-def _json_schema(kind: type[Any]) -> bytes:
-    """Return the JSON schema of a value; its root is the object itself, as Foxglove wants it, and no reference."""
-    schema = msgspec.json.schema(kind)
-    definitions: dict[str, Any] = schema["$defs"]
-    root = definitions[str(schema["$ref"]).rpartition("/")[2]]
-    return msgspec.json.encode({**root, "$defs": definitions})

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
+from device_agent.cycle import Cycle
 from navcore.cues.table import Cue
+from navcore.settings import Settings
 from navcore.types import Localization
 
 Speaker = Literal["loop", "watchdog"]
@@ -30,13 +32,41 @@ class OrderMessage(msgspec.Struct, frozen=True):
 
 
 class StageTimesMessage(msgspec.Struct, frozen=True):
-    """How long the stages of a cycle took."""
+    """How long the stages of a cycle took, milliseconds; null for one that was not come to."""
 
     stamp_s: float
-    stage_ms: dict[str, float]
+    capture_ms: float | None = None
+    localize_ms: float | None = None
+    plan_ms: float | None = None
+    scan_ms: float | None = None
+    guide_ms: float | None = None
+    cues_ms: float | None = None
     fault: str = ""
     pictures_dropped: int = 0
     """Frames since recording began whose pictures were not kept, because the disk was behind."""
+
+    @staticmethod
+    def of(cycle: Cycle, pictures_dropped: int) -> StageTimesMessage:
+        """Return the times of a cycle."""
+        known = {f"{stage}_ms": took_ms for stage, took_ms in cycle.stage_ms.items()}
+        known = {name: took_ms for name, took_ms in known.items() if name in StageTimesMessage.__struct_fields__}
+        return StageTimesMessage(cycle.stamp_s, **known, fault=cycle.fault, pictures_dropped=pictures_dropped)
+
+
+class SettingsMessage(msgspec.Struct, frozen=True):
+    """The settings that run."""
+
+    revision: int
+    settings: dict[str, Any]
+    """By group and name."""
+
+
+SETTINGS_SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": {"revision": {"type": "integer"}, "settings": {"$ref": "#/$defs/Settings"}},
+    "$defs": {**Settings.model_json_schema()["$defs"], "Settings": Settings.model_json_schema()},
+}
+"""What the settings' own model says of them."""
 
 
 class PoseMessage(msgspec.Struct, frozen=True):

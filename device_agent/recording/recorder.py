@@ -38,8 +38,8 @@ from navcore.types import CameraIntrinsics, Frame
 from navcore.wire import WalkerState
 
 MAX_WAITING_PICTURES = 8
-MAX_WAITING_ITEMS = 4000
-"""A minute or more at ten cycles a second: a cycle, a state, and what else happens."""
+MAX_WAITING_ITEMS = 1200
+"""About a minute at ten cycles a second: a cycle, a state, and what else happens."""
 _Item = CycleItem | list[Message]
 
 

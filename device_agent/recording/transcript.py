@@ -13,7 +13,14 @@ from device_agent.orders import Order
 from device_agent.ports import EventKind
 from device_agent.recording import channels, exact, foxglove
 from device_agent.recording.channels import Channel
-from device_agent.recording.messages import HeardCue, OrderMessage, PoseMessage, Speaker, StageTimesMessage
+from device_agent.recording.messages import (
+    HeardCue,
+    OrderMessage,
+    PoseMessage,
+    SettingsMessage,
+    Speaker,
+    StageTimesMessage,
+)
 from device_agent.recording.notes import Notepad, Opening
 from device_agent.state import DeviceState
 from device_agent.voice import VoiceMemory
@@ -81,8 +88,7 @@ class Transcript:
         yield channels.ADVICE, stamp_s, foxglove.advice(cycle.guidance)
         for cue in item.pad.cues:
             yield from heard("loop", cue)
-        times = StageTimesMessage(stamp_s, dict(cycle.stage_ms), cycle.fault, item.pictures_dropped)
-        yield channels.STAGES, stamp_s, times
+        yield channels.STAGES, stamp_s, StageTimesMessage.of(cycle, item.pictures_dropped)
         notes = item.pad.notes(item.number, cycle.guidance, pictures=frame is not None)
         yield channels.REPLAY, stamp_s, BytesValue(value=exact.encode(notes))
 
@@ -100,7 +106,7 @@ class Transcript:
         """Yield what holds until it changes, where it has changed."""
         if state.settings is not self._settings:
             self._settings = state.settings
-            yield channels.SETTINGS, stamp_s, wire.SettingsRunning(state.settings_revision, state.settings.values())
+            yield channels.SETTINGS, stamp_s, SettingsMessage(state.settings_revision, state.settings.model_dump())
         if state.graph is not self._graph:
             self._graph = state.graph
             yield channels.ROAD, stamp_s, foxglove.road(stamp_s, state.graph)

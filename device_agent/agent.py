@@ -15,11 +15,12 @@ from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
+from device_agent.adapters.fakes import NoButtons
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.loop import Ports, run_stages
 from device_agent.orders import Order, at_rest, carry_out
-from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
 from device_agent.state import (
@@ -67,6 +68,8 @@ class DeviceParts:
     """Hears of every change of the settings, besides the loop."""
     display: DisplayOutput | None = None
     """The displays of the glasses, where there are any."""
+    buttons: Buttons = field(default_factory=NoButtons)
+    """What the walker can press."""
     tap: Tap = field(default_factory=Tap)
     """Who listens in on the loop: a recorder, or nobody."""
 

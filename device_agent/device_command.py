@@ -13,6 +13,7 @@ from urllib.parse import urlsplit
 
 from device_agent.device_options import DeviceOptions
 from device_agent.recording.options import add_recording_options, recording_options
+from device_agent.sensor_names import named, names_of
 from device_agent.simulation_options import add_simulation_options
 from navcore.errors import InputError
 from navcore.settings import Settings, parse_assignment
@@ -37,6 +38,11 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sensors = parser.add_argument_group("sensors")
     sensors.add_argument("--simulated", action="store_true", help="walk in the simulated building, in real time")
     sensors.add_argument("--recording", type=Path, metavar="DIR", help="play a recording as the camera")
+    sensors.add_argument("--camera", metavar="NAME", help=f"the depth camera: {names_of('camera')}")
+    sensors.add_argument("--fisheye", metavar="DEVICE", help="the fisheye camera, /dev/video2 or a video file")
+    sensors.add_argument("--fisheye-calibration", type=Path, metavar="FILE", help="its lens, picture size and mounting")
+    sensors.add_argument("--sonar", metavar="NAME", help=f"the rangefinder: {names_of('sonar')}")
+    sensors.add_argument("--buttons", metavar="NAME", help=f"what the walker can press: {names_of('buttons')}")
     sensors.add_argument("--start", default="Hall", metavar="PLACE", help="where the simulated walker stands")
     add_simulation_options(sensors, seed=1)
 
@@ -45,6 +51,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sound.add_argument("--sound", action="store_true", help="play on the sound device (extra 'audio')")
     sound.add_argument("--quiet", action="store_true", help="do not print the cues")
     sight = parser.add_argument_group("sight")
+    sight.add_argument("--display", metavar="NAME", help=f"the glasses' displays: {names_of('display')}")
     sight.add_argument("--overlay", type=Path, metavar="DIR", help="write what both eyes see as PNG pictures")
     add_recording_options(parser.add_argument_group("recording"))
     parser.set_defaults(run=_run)
@@ -102,13 +109,24 @@ def _run(arguments: argparse.Namespace) -> int:
     return run_device(options, stopped)
 
 
+def _refuse_other_than_one_camera(arguments: argparse.Namespace) -> None:
+    cameras = [arguments.simulated, arguments.recording is not None, arguments.camera is not None]
+    if not any(cameras):
+        raise InputError("The device needs sensors: name --simulated, --recording DIR, or --camera NAME.")
+    if sum(cameras) > 1:
+        raise InputError("The device has one camera: name only one of --simulated, --recording DIR and --camera NAME.")
+    if arguments.simulated and (arguments.fisheye or arguments.sonar):
+        raise InputError("The simulated walker has sensors of their own: leave --fisheye and --sonar out.")
+    if (arguments.fisheye is None) != (arguments.fisheye_calibration is None):
+        raise InputError("A fisheye camera needs both: name --fisheye DEVICE and --fisheye-calibration FILE.")
+    if arguments.recording is not None and arguments.fisheye is not None:
+        raise InputError("A recording has its own fisheye pictures: leave --fisheye out.")
+
+
 def _options(arguments: argparse.Namespace) -> DeviceOptions:
     changes = dict(parse_assignment(text) for text in arguments.set)
     Settings().changed(changes)
-    if not arguments.simulated and arguments.recording is None:
-        raise InputError("The device needs sensors: name --simulated, or --recording DIR.")
-    if arguments.simulated and arguments.recording is not None:
-        raise InputError("The device has one camera: name --simulated or --recording DIR, not both.")
+    _refuse_other_than_one_camera(arguments)
     if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", arguments.device_id) is None:
         raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
     url = checked_console_url(arguments.console) if arguments.console else None
@@ -123,6 +141,12 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         changes=changes,
         to=arguments.to,
         recording=arguments.recording,
+        camera=named("camera", arguments.camera),
+        fisheye=arguments.fisheye,
+        fisheye_calibration=arguments.fisheye_calibration,
+        sonar=named("sonar", arguments.sonar),
+        buttons=named("buttons", arguments.buttons),
+        screen=named("display", arguments.display),
         seed=arguments.seed,
         start=arguments.start,
         rate_hz=arguments.rate_hz,

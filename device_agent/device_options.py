@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from device_agent.recording.options import RecordingOptions
+from device_agent.sensor_names import SensorName
 from navcore.settings import SettingValue
 
 
@@ -27,7 +28,18 @@ class DeviceOptions:
     to: str | None = None
     """A place to lead to at once."""
     recording: Path | None = None
-    """A recording to play as the camera; the simulated building where it is None."""
+    """A recording to play as the camera."""
+    camera: SensorName | None = None
+    """A depth camera; where neither this nor a recording is named, the device walks in the simulated building."""
+    fisheye: str | None = None
+    """The fisheye camera: a device, or a video file."""
+    fisheye_calibration: Path | None = None
+    """Lens, picture size and mounting of the fisheye camera."""
+    sonar: SensorName | None = None
+    """The rangefinder; the simulated one in the simulated building."""
+    buttons: SensorName | None = None
+    screen: SensorName | None = None
+    """The displays of the glasses."""
     seed: int = 1
     start: str = "Hall"
     """Where the simulated walker stands."""
@@ -40,3 +52,8 @@ class DeviceOptions:
     """Folder for the pictures of the see-through overlay."""
     record: RecordingOptions | None = None
     """What is recorded of the walk; nothing where it is None."""
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the device walks in the simulated building."""
+        return self.recording is None and self.camera is None

@@ -46,7 +46,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     settings = settings.changed(options.changes)
     warm_up()
     real = SystemClock()
-    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.recording is None else None
+    paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
     clock: Clock = paced or real
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)
@@ -58,7 +58,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         tap = _tap(options, stack)
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display, tap,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap,
         )  # fmt: skip
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:

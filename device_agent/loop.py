@@ -107,7 +107,8 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
-        sonar = _sonar(ports, frame.stamp_s)
+        state, sonar, told = _sonar(state, ports, frame.stamp_s)
+        effects += told
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
     with times.stage("guide"):
         guidance = _decide(state, frame.stamp_s, located, scan, sonar)
@@ -140,17 +141,22 @@ def _with_what_was_seen(
     return state, with_memory(coming, obstacles.and_also(heard), pose, settings.obstacle)
 
 
-def _sonar(ports: Ports, stamp_s: float) -> SonarReading | None:
-    """Return the latest reading, with its age as it is now put before the frame's stamp.
+def _sonar(
+    state: DeviceState, ports: Ports, stamp_s: float
+) -> tuple[DeviceState, SonarReading | None, tuple[Effect, ...]]:
+    """Return the latest reading, with its age as it is now put before the frame's stamp, and what there is to tell.
 
     It is read after the frame has been worked on, so that it may be newer than the frame; only its age tells whether it
     can be believed. A rangefinder that fails is an absent one: guidance goes on with depth only, and says so.
     """
     try:
         reading = ports.sonar.read()
-    except SensorError:
-        return None
-    return replace(reading, stamp_s=stamp_s - (ports.clock.now_s() - reading.stamp_s))
+    except SensorError as error:
+        told = () if state.deaf else (Happened("sensor", str(error)[:500]),)
+        return replace(state, deaf=True), None, told
+    told = (Happened("sensor", "The rangefinder delivers again."),) if state.deaf else ()
+    age_s = ports.clock.now_s() - reading.stamp_s
+    return replace(state, deaf=False), replace(reading, stamp_s=stamp_s - age_s), told
 
 
 def _decide(

@@ -6,13 +6,15 @@ gives something fresh or raises SensorError; it never gives what is old as if it
 
 from __future__ import annotations
 
+import enum
+from dataclasses import dataclass
 from typing import Literal, Protocol
 
 from navcore.cues.overlay import Overlay
 from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.settings import Settings
-from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading
+from navcore.types import CameraIntrinsics, FisheyeImage, Frame, Localization, SonarReading
 from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning, WalkerState
 
 KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
@@ -45,11 +47,24 @@ class DepthCamera(Protocol):
     def close(self) -> None: ...
 
 
+class WideCamera(Protocol):
+    """The second, fisheye camera."""
+
+    def read(self) -> FisheyeImage:
+        """Wait for the next picture and return it. Raises SensorError when none comes, or it is not fresh."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class Sonar(Protocol):
     """An ultrasonic rangefinder that looks where the camera looks."""
 
     def read(self) -> SonarReading:
-        """Return the latest reading without waiting; its state says STALE or ABSENT where there is none."""
+        """Return the latest reading without waiting; its state says STALE or ABSENT where there is none.
+
+        Raises SensorError, with a sentence for people, where the rangefinder has failed.
+        """
         ...
 
     def close(self) -> None: ...
@@ -73,6 +88,46 @@ class DisplayOutput(Protocol):
 
     def show(self, overlay: Overlay) -> None:
         """Show the pictures now, instead of those before. Never blocks longer than handing them over takes."""
+        ...
+
+    def close(self) -> None: ...
+
+
+class Button(enum.Enum):
+    """The buttons on the glasses; what they mean is decided by the state machine."""
+
+    MAIN = "main"
+    NEXT = "next"
+    PREVIOUS = "previous"
+
+
+class PressKind(enum.Enum):
+    """How a button was pressed."""
+
+    SHORT = "short"
+    """Let go again at once; told when it is let go."""
+    LONG = "long"
+    """Held; told while it is still held, so that the walker knows when to let go."""
+
+
+@dataclass(frozen=True, slots=True)
+class ButtonPress:
+    """Somebody has pressed a button."""
+
+    stamp_s: float
+    """When it was known what kind of press it is, seconds on the device's clock."""
+    button: Button
+    kind: PressKind
+
+
+class Buttons(Protocol):
+    """The buttons that the walker can feel."""
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Return what was pressed since the last call, in order, each once, without waiting.
+
+        Raises SensorError where the buttons are gone; they come back by themselves.
+        """
         ...
 
     def close(self) -> None: ...

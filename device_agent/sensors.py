@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 
-from device_agent.adapters.fakes import NoSonar
+from device_agent.adapters.fakes import NoButtons, NoSonar
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
+from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera
 from device_agent.device_options import DeviceOptions
-from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
+from device_agent.sensor_names import SensorName
 from device_agent.simulation.pace import PacedCamera, PacedClock
 from device_agent.speech import Speech
+from navcore.errors import InputError
+from navcore.fisheye_recording import read_fisheye_camera
 from navcore.recording import open_recording
 from navcore.settings import Settings
 
@@ -25,34 +30,100 @@ class Hardware:
     sonar: Sonar
     output: CueOutput
     display: DisplayOutput | None = None
+    buttons: Buttons = field(default_factory=NoButtons)
+    newest: NewestFrameCamera | None = None
+    """The part of the camera that waits for frames, where there is one."""
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from now on."""
-        if isinstance(self.camera, NewestFrameCamera):
-            self.camera.timeout_s = settings.watchdog.camera_timeout_s
+        if self.newest is not None:
+            self.newest.timeout_s = settings.watchdog.camera_timeout_s
 
 
 def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stack: ExitStack) -> Hardware:
     """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
-    outputs = _outputs(options)
-    if isinstance(clock, PacedClock):
-        # The simulation waits for the loop, so that there is no newer frame than the one that it gives.
-        camera, sonar, ear = _simulated(options, clock)
-        outputs.insert(0, ear)
-    else:
-        assert options.recording is not None
-        raw = RecordedCamera(open_recording(options.recording), clock)
-        camera, sonar = NewestFrameCamera(raw, clock, settings.watchdog.camera_timeout_s), NoSonar(clock)
-    output = TeeOutput(outputs)
-    for each in (output, sonar, camera):
-        stack.callback(each.close)
+    output = TeeOutput(_outputs(options))
+    stack.callback(output.close)
     display = _display(options)
     if display is not None:
         stack.callback(display.close)
-    return Hardware(camera, sonar, output, display)
+    buttons = _buttons(options, clock)
+    stack.callback(buttons.close)
+    if isinstance(clock, PacedClock):
+        # The simulation waits for the loop, so that there is no newer frame than the one that it gives.
+        paced, sonar, ear = _simulated(options, clock)
+        for each in (ear, sonar, paced):
+            stack.callback(each.close)
+        return Hardware(paced, sonar, TeeOutput([ear, output]), display, buttons)
+    sonar = _sonar(options, clock)
+    stack.callback(sonar.close)
+    newest = _newest_frames(options, settings, clock)
+    stack.callback(newest.close)
+    camera = _with_fisheye(options, newest, clock)
+    stack.callback(camera.close)
+    return Hardware(camera, sonar, output, display, buttons, newest)
+
+
+def _newest_frames(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:
+    timeout_s = settings.watchdog.camera_timeout_s
+    if options.camera is None:
+        assert options.recording is not None
+        return NewestFrameCamera(RecordedCamera(open_recording(options.recording), clock), clock, timeout_s)
+    name = options.camera
+    real = ReopenedCamera(lambda: _open_camera(name, clock), clock)
+    return NewestFrameCamera(real, clock, timeout_s, real.abandon)
+
+
+def _open_camera(name: SensorName, clock: Clock) -> CameraSource:
+    if name.kind == "oak":
+        from device_agent.adapters.oak import OakSource
+
+        return OakSource(clock, name.where)
+    from device_agent.adapters.realsense import RealSenseSource
+
+    if name.where is not None and Path(name.where).suffix in (".db3", ".bag"):
+        return RealSenseSource(clock, recording=Path(name.where))
+    return RealSenseSource(clock, name.where)
+
+
+def _with_fisheye(options: DeviceOptions, camera: DepthCamera, clock: Clock) -> DepthCamera:
+    if options.fisheye is None:
+        return camera
+    from device_agent.adapters.paired_camera import PairedCamera
+    from device_agent.adapters.uvc import open_uvc_camera
+
+    assert options.fisheye_calibration is not None
+    wide = open_uvc_camera(options.fisheye, read_fisheye_camera(options.fisheye_calibration), clock)
+    return PairedCamera(camera, wide, clock, wide.abandon)
+
+
+def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:
+    if options.sonar is None or options.sonar.where is None:
+        return NoSonar(clock)
+    from device_agent.adapters.serial_sonar import SerialSonar
+
+    return SerialSonar(options.sonar.where, clock)
+
+
+def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+    if options.buttons is None:
+        return NoButtons()
+    if options.buttons.where is None:
+        from device_agent.adapters.keyboard_buttons import KeyboardButtons
+
+        return KeyboardButtons(clock)
+    from device_agent.adapters.evdev_buttons import EvdevButtons
+
+    return EvdevButtons(options.buttons.where, clock)
 
 
 def _display(options: DeviceOptions) -> DisplayOutput | None:
+    if options.screen is not None and options.overlay is not None:
+        raise InputError("The overlay is shown in one place: name --display or --overlay, not both.")
+    if options.screen is not None and options.screen.where is not None:
+        from device_agent.adapters.framebuffer import FramebufferDisplay
+
+        return FramebufferDisplay(Path(options.screen.where))
     if options.overlay is None:
         return None
     from device_agent.adapters.displays import PngDisplay

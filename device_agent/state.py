@@ -83,6 +83,8 @@ class DeviceState:
     """Made for the graph when it is first planned in; another graph needs another one."""
     blind: bool = False
     """The camera gave nothing in the last cycle."""
+    deaf: bool = False
+    """The rangefinder had failed in the last cycle."""
     failed_s: float = -math.inf
     """When guidance last failed: no picture, too late a decision, something raised."""
     trail: tuple[TrailPoint, ...] = ()

@@ -20,6 +20,7 @@ from navcore.types import FisheyeCamera, FisheyeImage, FisheyeIntrinsics
 MAX_FISHEYE_GAP_S = 0.05
 """A fisheye picture belongs to a frame that was taken at most this much earlier or later."""
 _FISHEYE_NAMES = ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "max_angle_deg")
+_SIZE_NAMES = ("width", "height")
 _MOUNTING_NAMES = ("tx", "ty", "tz", "qx", "qy", "qz", "qw")
 
 
@@ -89,6 +90,20 @@ def read_fisheye_calibration(path: Path, width_px: int, height_px: int) -> Fishe
         raise RecordingError(f"{path}: {error}") from error
 
 
+def read_fisheye_camera(path: Path) -> FisheyeCamera:
+    """Read the calibration of a camera that is not in a recording: it also says ``width`` and ``height``, pixels.
+
+    Raises RecordingError.
+    """
+    values = read_values(path, "a fisheye camera needs a calibration with its picture's width and height")
+    for name in _SIZE_NAMES:
+        if not 16 <= values.get(name, 0.0) <= 10_000:
+            raise RecordingError(
+                f"{path} has no {name} of 16 to 10000: write a line with the picture's {name}, pixels."
+            )
+    return read_fisheye_calibration(path, round(values["width"]), round(values["height"]))
+
+
 def _read_pictures(folder: Path, path: Path) -> tuple[FisheyePicture, ...]:
     """Read ``fisheye.txt``: the stamp and the file of every fisheye picture."""
     try:
@@ -139,6 +154,8 @@ def _calibration_text(camera: FisheyeCamera) -> str:
     max_angle_deg = math.degrees(lens.max_angle_rad)
     optics = (lens.fx_px, lens.fy_px, lens.cx_px, lens.cy_px, *lens.distortion, max_angle_deg)
     place = [*mounting.translation.tolist(), *mounting.quat_xyzw.tolist()]
+    size = (float(lens.width_px), float(lens.height_px))
     lines = [f"{name} {value!r}" for name, value in zip(_FISHEYE_NAMES, optics, strict=True)]
     lines += [f"{name} {value!r}" for name, value in zip(_MOUNTING_NAMES, place, strict=True)]
+    lines += [f"{name} {value!r}" for name, value in zip(_SIZE_NAMES, size, strict=True)]
     return "\n".join(lines) + "\n"

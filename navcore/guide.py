@@ -71,7 +71,13 @@ _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
 _BODY_M = 0.25
 """From the camera to the front of the body."""
-_USUAL_SPEED_M_S = 0.7
+_USUAL_SPEED_M_S, _GAINS_M_S2 = 0.85, 0.6
+"""Blind pedestrians walk at 0.6 to 1.1 m/s (D. Clark-Carter et al., Ergonomics 29, 1986), two or three steps after
+they have begun."""
+_FIRST_STEPS_M = 1.6
+"""So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
+_FIRST_TURN_RAD = math.radians(20.0)
+"""No farther aside is looked for a way on which the first steps are free."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
@@ -206,12 +212,8 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     is_narrow = required_m == _narrow_m(cycle) and there.offset_m == 0.0
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
-    # Who walks fast needs more than the stop distance to come to a stand, and may be slow to react.
-    stopping_m = stopping_distance_m(trace.speed_m_s, settings.obstacle.slow_reaction_s)
-    if cycle.previous is not None and cycle.previous.action is Action.WALK:
-        # Who has been told to walk is soon at their pace, however slow they still are.
-        stopping_m = max(stopping_m, stopping_distance_m(_USUAL_SPEED_M_S, settings.follower.reaction_s))
-    stop_m = max(settings.obstacle.stop_distance_m, _BODY_M + stopping_m)
+    # Who walks fast needs more than the stop distance to come to a stand.
+    stop_m = max(settings.obstacle.stop_distance_m, _room_to_stop_m(cycle, trace.speed_m_s))
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
@@ -237,7 +239,7 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
 
     The first steps are made before a turn while walking has had its effect: they lead straight on.
     """
-    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _first_steps_m(cycle)
+    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _FIRST_STEPS_M
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
     return _stands(cycle) and near and abs(direction) > faced_rad
@@ -247,11 +249,15 @@ def _stands(cycle: _Cycle) -> bool:
     return cycle.previous is not None and cycle.previous.action is not Action.WALK
 
 
-def _first_steps_m(cycle: _Cycle) -> float:
-    """Return how far somebody who begins to walk may come, straight on: before the first correction has its effect,
-    and then before a stop has."""
-    slow_s = cycle.settings.obstacle.slow_reaction_s
-    return _BODY_M + _USUAL_SPEED_M_S * slow_s + stopping_distance_m(_USUAL_SPEED_M_S, slow_s)
+def _room_to_stop_m(cycle: _Cycle, speed_m_s: float) -> float:
+    """Return how much room in front is needed to be stopped now, by somebody who is slow to react.
+
+    Who has been told to walk may still be gaining speed until they react.
+    """
+    slow_s, then_m_s = cycle.settings.obstacle.slow_reaction_s, speed_m_s
+    if cycle.previous is not None and cycle.previous.action is Action.WALK:
+        then_m_s = max(speed_m_s, min(speed_m_s + _GAINS_M_S2 * slow_s, _USUAL_SPEED_M_S))
+    return _BODY_M + stopping_distance_m(then_m_s, slow_s) - (then_m_s - speed_m_s) / 2.0 * slow_s
 
 
 def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateDirection | None, float, str]:
@@ -270,13 +276,14 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     free, heard = (
         _towards(cycle, error, walkable(each, required_m)) for each in (cycle.scan.candidates, _as_heard(cycle))
     )
-    if _stands(cycle):
+    last = _last_direction(cycle, heading)
+    best = optimal_direction(heard or free, there.expected, heading, there.deviation_m, settings.follower, last)
+    if best is not None and _stands(cycle):
         # Who begins to walk is in step before they can be steered: better where the first steps are free as well.
-        heard = _towards(cycle, error, walkable(heard, _first_steps_m(cycle))) or heard
-    best = optimal_direction(
-        heard or free, there.expected, heading, there.deviation_m, settings.follower,
-        _last_direction(cycle, heading),
-    )  # fmt: skip
+        near = tuple(each for each in heard if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
+        near = walkable(near, max(required_m, _FIRST_STEPS_M))
+        first = optimal_direction(near, there.expected, heading, there.deviation_m, settings.follower, last)
+        best = best if first is None else first
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
         narrow = _towards(cycle, error, walkable(cycle.scan.candidates, narrow_m))

@@ -2,22 +2,25 @@
 
 ``rgb/`` and ``depth/`` (16-bit PNG), ``associations.txt`` (``t_rgb rgb t_depth depth``), ``calib.txt`` (``name value``
 lines: fx fy cx cy in pixels, k1 k2 p1 p2 k3 where the colour image is distorted, depth_factor in units per metre) and,
-where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``). The sighted person who records the road
-can name places on the way: ``marks.txt`` (``t kind name``), a line each.
+where somebody measured it, ``groundtruth.txt`` (``t tx ty tz qx qy qz qw``). A camera with an accelerometer adds
+``gravity.txt`` (``t x y z``): the unit vector that points down, in the camera's frame, of the frames with these stamps.
+The sighted person who records the road can name places on the way: ``marks.txt`` (``t kind name``), a line each.
 
 A second, wide camera adds three things; a recording without them is whole as well. ``fisheye/`` holds its grey
 pictures, ``fisheye.txt`` (``t fisheye/name``) says when each was taken, on the depth camera's clock, and
 ``fisheye_calib.txt`` (``name value`` lines) describes it: fx fy in pixels per radian, cx cy in pixels, k1 k2 k3 k4 of
 Kannala and Brandt's model, max_angle_deg (half the field of view), and its mounting, the depth camera seen from the
-fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw. A frame gets the picture
-that was taken nearest to it, at most MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
+fisheye camera (``fisheye_from_camera``): tx ty tz in metres and the quaternion qx qy qz qw; its width and height, which
+tell a live camera what to deliver, may be there too. A frame gets the picture that was taken nearest to it, at most
+MAX_FISHEYE_GAP_S away; frames without one go on with the depth camera alone.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import cast
 
@@ -49,6 +52,8 @@ class RecordedFrame:
     stamp_s: float
     colour_path: Path
     depth_path: Path
+    gravity: tuple[float, float, float] | None = None
+    """Unit vector along gravity in the camera's frame, where an accelerometer told it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +103,7 @@ class Recording:
             np.ascontiguousarray(colour[:, :, ::-1]),
             depth_from_units(depth, self.depth_factor),
             self._read_fisheye(entry),
+            None if entry.gravity is None else np.array(entry.gravity),
         )
 
     def _read_fisheye(self, entry: RecordedFrame) -> FisheyeImage | None:
@@ -126,7 +132,7 @@ def open_recording(folder: Path) -> Recording:
     """Open a recording. Raises RecordingError with what is wrong and what to do."""
     if not folder.is_dir():
         raise RecordingError(f"There is no recording at {folder}: name a folder in the TUM RGB-D layout.")
-    entries = _read_associations(folder)
+    entries = _with_gravity(folder / "gravity.txt", _read_associations(folder))
     calibration = read_calibration(folder / "calib.txt")
     height_px, width_px = _read_colour(entries[0].colour_path).shape[:2]
     intrinsics = CameraIntrinsics(
@@ -267,6 +273,7 @@ class RecordingWriter:
         self._depth_factor = depth_factor
         self._lines: list[str] = []
         self._truth: list[tuple[float, Transform]] = []
+        self._gravity: list[str] = []
         self._marks: list[Mark] = []
         (folder / "rgb").mkdir(parents=True, exist_ok=True)
         (folder / "depth").mkdir(parents=True, exist_ok=True)
@@ -283,6 +290,8 @@ class RecordingWriter:
             [cv2.IMWRITE_PNG_COMPRESSION, 1],
         )
         self._lines.append(f"{name} rgb/{name}.jpg {name} depth/{name}.png\n")
+        if frame.gravity is not None:
+            self._gravity.append(f"{name} " + " ".join(f"{value:.6f}" for value in frame.gravity) + "\n")
         if self._fisheye is not None and frame.fisheye is not None:
             self._fisheye.add(frame.fisheye)
         if world_from_camera is not None:
@@ -302,6 +311,8 @@ class RecordingWriter:
         (self._folder / "associations.txt").write_text("".join(self._lines), encoding="utf-8")
         if self._fisheye is not None:
             self._fisheye.close()
+        if self._gravity:
+            (self._folder / "gravity.txt").write_text("".join(self._gravity), encoding="utf-8")
         if self._marks:
             marks = "".join(f"{mark.stamp_s:.6f} {mark.kind} {mark.name}\n" for mark in self._marks)
             (self._folder / "marks.txt").write_text(marks, encoding="utf-8")
@@ -332,3 +343,26 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
     if any(later.stamp_s <= earlier.stamp_s for earlier, later in itertools.pairwise(entries)):
         raise RecordingError(f"{path}: the times must grow from line to line; sort it by the first column.")
     return tuple(entries)
+
+
+def _with_gravity(path: Path, entries: tuple[RecordedFrame, ...]) -> tuple[RecordedFrame, ...]:
+    """Return the entries with what ``gravity.txt`` says of them, where there is one. Raises RecordingError."""
+    if not path.exists():
+        return entries
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecordingError(f"{path} cannot be read: write lines of 't x y z' in UTF-8.") from error
+    found: dict[float, tuple[float, float, float]] = {}
+    for number, line in enumerate(lines, 1):
+        words = line.split("#", 1)[0].split()
+        if not words:
+            continue
+        if len(words) != 4 or not all(is_number(word) for word in words):
+            raise RecordingError(f"{path}, line {number}: expected 't x y z', found {line.strip()!r}.")
+        stamp_s, x, y, z = (float(word) for word in words)
+        length = math.hypot(x, y, z)
+        if not 0.99 <= length <= 1.01:
+            raise RecordingError(f"{path}, line {number}: {line.strip()!r} is no unit vector: record again.")
+        found[stamp_s] = x / length, y / length, z / length
+    return tuple(replace(entry, gravity=found.get(entry.stamp_s)) for entry in entries)

@@ -141,6 +141,9 @@ class Frame:
     depth_m: DepthImage
     fisheye: FisheyeImage | None = None
     """What the fisheye camera saw at about the same time, where there is one."""
+    gravity: FloatArray | None = None
+    """Unit vector (3,) along gravity, down, in the camera's frame (x right, y down, z forward), as the accelerometer
+    says: some degrees off while somebody walks. None where there is none, or where it says nothing of use."""
 
 
 class SonarState(enum.Enum):

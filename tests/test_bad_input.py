@@ -238,9 +238,9 @@ def test_a_device_refuses_what_is_no_address(refusal: Refusal, tmp_path: Path, a
 def test_a_device_has_one_camera_and_a_folder_of_its_own(refusal: Refusal, site: Path, tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     device = ("device", "--site", site, "--simulated")
-    assert "not both" in refusal(*device, "--recording", tmp_path)
+    assert "only one of" in refusal(*device, "--recording", tmp_path)
     assert "--state" in refusal(*device, "--state", tmp_path / "file")
-    assert "--simulated, or --recording" in refusal("device", "--site", site)
+    assert "--simulated, --recording DIR, or --camera NAME" in refusal("device", "--site", site)
 
 
 @pytest.fixture

@@ -41,6 +41,27 @@ def test_what_is_written_is_read_back(folder: Path) -> None:
     np.testing.assert_allclose(poses[2].matrix, world_from_camera_at((2, 0, 1.6), 0.2, 0.2).matrix, atol=1e-5)
 
 
+def test_where_down_is_is_read_back_for_the_frames_that_knew_it(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path, CAMERA)
+    colour, depth = np.zeros((24, 32, 3), np.uint8), np.ones((24, 32), np.float32)
+    down = np.array([0.1, 0.9, 0.4]) / np.linalg.norm([0.1, 0.9, 0.4])
+    for stamp_s, gravity in ((1.0, None), (1.1, down), (1.2, None)):
+        writer.add(Frame(stamp_s, colour, depth, gravity=gravity))
+    writer.close()
+    read = [frame.gravity for frame in open_recording(tmp_path).frames()]
+    assert read[0] is None
+    assert read[2] is None
+    assert read[1] == pytest.approx(down, abs=1e-5)
+    assert np.linalg.norm(read[1]) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("line", ["1.1 0 1", "1.1 0 down 0", "1.1 0 0 0", "1.1 0 9.81 0", "1.1 nan 1 0"])
+def test_what_does_not_point_down_is_refused_with_the_line(folder: Path, line: str) -> None:
+    (folder / "gravity.txt").write_text(f"1.0 0 1 0\n{line}\n")
+    with pytest.raises(RecordingError, match=r"gravity.txt, line 2"):
+        open_recording(folder)
+
+
 def test_named_places_are_read_back(folder: Path) -> None:
     assert read_marks(folder / "marks.txt") == (Mark(1.1, "room", "Room 3308"),)
     assert read_marks(folder / "none.txt") == ()

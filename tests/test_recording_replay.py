@@ -172,7 +172,9 @@ def spoiled(frame: Frame) -> Frame:
     rng = np.random.default_rng(round(10 * frame.stamp_s))
     colour = rng.integers(0, 256, frame.colour_rgb.shape, np.uint8)
     depth = frame.depth_m if rng.random() < 0.5 else depth_from_units(units_from_depth(frame.depth_m, 1000.0), 1000.0)
-    return replace(frame, colour_rgb=colour, depth_m=depth, fisheye=wide_picture(frame.stamp_s))
+    return replace(
+        frame, colour_rgb=colour, depth_m=depth, fisheye=wide_picture(frame.stamp_s), gravity=rng.normal(size=3)
+    )
 
 
 @pytest.fixture
@@ -205,6 +207,7 @@ def same_frame(one: Frame, other: Frame) -> bool:
         and one.depth_m.dtype == other.depth_m.dtype
         and np.array_equal(one.depth_m, other.depth_m, equal_nan=True)
         and exact.same(one.fisheye, other.fisheye)
+        and exact.same(one.gravity, other.gravity)
     )
 
 
@@ -336,6 +339,7 @@ def test_a_replay_under_another_setting_says_what_it_would_have_changed(
     figures = json.loads(capsys.readouterr().out)
     assert 0 < figures["different"] <= figures["cycles"]
     assert figures["first"][0]["then"]
+    assert any(name.startswith("trace.") for name in figures["first"][0]["in"])
     assert all(json.loads(line)["kind"] for line in cues.read_text(encoding="utf-8").splitlines())
     assert main(["walks", "replay", str(path), "--set", "nothing.of_the_kind=1"]) == 2
 

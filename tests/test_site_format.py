@@ -173,6 +173,7 @@ SINCE_LATER_SCHEMAS = (
     "keyframe_depth",
     "keyframe_grey",
     "keyframe_covariance",
+    "keyframe_drift",
     "readout_s",
 )
 

@@ -107,8 +107,9 @@ def test_by_its_lamps_the_walker_is_found_in_it(lit: Mapped) -> None:
     assert len(sure) > 10
     assert max(float(np.linalg.norm(error)) for error in sure) < 0.25
     assert wrong_as_localized(rows) == 0
-    # The map that is bent by some centimetres does not quite know it: docs/results.md names it.
-    assert held(rows) > 0.8
+    # Where lamps and surfaces lead on it is not exact, and neither is the map; the ellipsoid says so.
+    assert max(float(np.linalg.norm(error)) for _, _, error in rows) < 0.4
+    assert held(rows) > 0.95
 
 
 def test_in_an_evenly_lit_one_the_way_along_it_is_open_until_the_walker_is_lost(even: Mapped) -> None:
@@ -119,8 +120,9 @@ def test_in_an_evenly_lit_one_the_way_along_it_is_open_until_the_walker_is_lost(
     bare = [found for along_m, found, _ in rows if along_m > NOTHING_KNOWN_FROM_M]
     assert all(found.quality is not LocalizationQuality.LOCALIZED for found in bare)
     assert bare[-1].quality is LocalizationQuality.LOST
-    # Before it is lost the ellipsoid is long, along the corridor and nowhere else.
+    # Before it is lost the ellipsoid is long, along the corridor and nowhere else: across, only the map's own is left.
     last = [found.covariance for found in bare if found.covariance is not None][-1]
-    assert np.sqrt(last[0, 0]) > 0.4
-    assert np.sqrt(last[1, 1]) < 0.15
-    assert np.sqrt(last[2, 2]) < 0.15
+    along_m, across_m, up_m = np.sqrt(np.diag(last)[:3])
+    assert along_m > 0.4
+    assert max(across_m, up_m) < 0.25
+    assert max(across_m, up_m) < 0.2 * along_m

@@ -14,11 +14,20 @@ from navcore.slam.localizer import Localizer
 from navcore.slam.map_evidence import CELL_COLUMNS, CELL_ROWS, MapEvidence, evidence_for
 from navcore.slam.map_uncertainty import with_covariances
 from navcore.slam.mapper import Mapper
-from navcore.slam.pose_uncertainty import LEAST_MISFIT, drifted, is_walkable, misfit, odometry_factor
+from navcore.slam.pose import covariance_in_world
+from navcore.slam.pose_uncertainty import (
+    LEAST_MISFIT,
+    drifted,
+    is_walkable,
+    misfit,
+    odometry_factor,
+    weighed_by_misfit,
+)
 from navcore.slam.rehearsal import REHEARSAL_CAMERA, rehearse, sliding_frames
 from navcore.slam.relocalization import is_same_place, proposals
+from navcore.slam.rolling_shutter import sorted_anew
 from navcore.slam.slam_map import SlamMap
-from navcore.slam.tracking import Track, local_keyframes, local_landmarks
+from navcore.slam.tracking import Track, local_keyframes, local_landmarks, track_last_frame
 from navcore.types import Frame, LocalizationQuality
 
 CHI2_3 = 7.815
@@ -134,6 +143,54 @@ def test_odometry_grows_by_what_is_moved_and_weighs_less_then(
     far = odometry_factor(covariance, track, _displaced(track, 0.5, 0.0, 0.0)).information
     assert np.linalg.eigvalsh(near - far).min() > -1e-6 * np.trace(near)
     assert np.trace(far) < np.trace(near)
+
+
+def test_odometry_that_few_points_carry_drifts_by_what_they_leave_open(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    track = _followed(slam_map, walk, 20)
+    covariance = np.diag([1e-4] * 3 + [1e-5] * 3)
+    nothing_followed = dataclasses.replace(track, information=np.zeros((6, 6)))
+    few = dataclasses.replace(track, information=track.information / 1e3)
+    grown = [np.trace(drifted(covariance, track, after)[:3, :3]) for after in (nothing_followed, track, few)]
+    assert grown[0] < grown[1] < grown[2]
+    by_few = drifted(covariance, track, few) - drifted(covariance, track, nothing_followed)
+    np.testing.assert_allclose(by_few, covariance_in_world(few.camera_from_world, few.information), atol=1e-12)
+
+
+def test_points_that_err_together_are_worth_less_to_odometry(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    track = _followed(slam_map, walk, 20)
+    points = np.full((len(track.features), 3), np.nan)
+    seen = np.flatnonzero(track.landmark_of >= 0)
+    points[seen] = slam_map.positions[track.landmark_of[seen]]
+    followed = dataclasses.replace(track, carried_points=points)
+    uvr = track.features.uvr_px.copy()
+    uvr[:, 0] += 3.0 * (uvr[:, 1] / REHEARSAL_CAMERA.height_px - 0.5)
+    sheared = dataclasses.replace(followed, features=dataclasses.replace(track.features, uvr_px=uvr))
+    whole, less = (np.trace(weighed_by_misfit(slam_map.camera, t).information) for t in (followed, sheared))
+    assert whole <= np.trace(track.information)
+    assert less < 0.3 * whole
+
+
+@pytest.mark.parametrize(("staying", "is_followed"), [(0.3, False), (0.9, True)])
+def test_a_minority_of_the_matches_is_not_followed(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]], staying: float, is_followed: bool
+) -> None:
+    """In the dark most features are noise that matches noise, each with a motion of its own."""
+    track = dataclasses.replace(_followed(slam_map, walk, 20), carried_points=None)
+    rng = np.random.default_rng(4)
+    moves = rng.random(len(track.features)) > staying
+    uvr = track.features.uvr_px.copy()
+    angle_rad = rng.uniform(0.0, 2 * np.pi, len(uvr))
+    away_px = 6.0 * moves * 1.2**track.features.octave
+    uvr[:, 0] += away_px * np.cos(angle_rad)
+    uvr[:, 1] += away_px * np.sin(angle_rad)
+    uvr[:, 2] += away_px * np.cos(angle_rad)
+    features = sorted_anew(dataclasses.replace(track.features, uvr_px=uvr), slam_map.camera)[0]
+    found = track_last_frame(slam_map, track, features, track.stamp_s + 0.1, track.camera_from_world)
+    assert (found is not None) is is_followed
 
 
 def test_nobody_jumps(slam_map: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:

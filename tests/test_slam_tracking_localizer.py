@@ -8,6 +8,7 @@ import pytest
 from navcore.errors import MappingError
 from navcore.geometry import Transform
 from navcore.settings import LocalizationSettings
+from navcore.slam.features import FeatureExtractor
 from navcore.slam.keyframes import SlamCamera
 from navcore.slam.localizer import Localizer
 from navcore.slam.mapper import Mapper
@@ -48,6 +49,29 @@ def test_a_pose_found_without_a_guess_must_be_confirmed(
     assert first.quality is LocalizationQuality.UNCERTAIN
     assert first.world_from_camera is not None
     assert np.linalg.norm(first.world_from_camera.translation - walk[30][1].translation) < 0.05
+
+
+@pytest.mark.parametrize(("distinct", "is_found"), [(30, False), (60, True)])
+def test_edges_do_not_tell_a_place(
+    localizer: Localizer,
+    walk: list[tuple[Frame, Transform]],
+    monkeypatch: pytest.MonkeyPatch,
+    distinct: int,
+    is_found: bool,
+) -> None:
+    """Bare corridors have the same edges; where there was no guess, enough of what agrees must be no edge."""
+    localizer.locate(walk[30][0])
+    assert localizer.state is not None
+    found = localizer.state.last
+    seen = np.flatnonzero(found.landmark_of >= 0)
+    slides = np.tile([1.0, 0.0, 1.0], (len(found.features), 1)) / np.sqrt(2.0)
+    slides[seen[np.linspace(0, len(seen) - 1, distinct).astype(int)]] = 0.0
+    features = dataclasses.replace(found.features, slides=slides)
+    monkeypatch.setattr(FeatureExtractor, "extract_grey", lambda *_: features)
+    # The wall of this walk leaves much open; in a corridor with corners surfaces would not object.
+    monkeypatch.setattr(Localizer, "_is_undisputed", lambda *_: True)
+    localizer.reset()
+    assert (localizer.locate(walk[30][0]).quality is not LocalizationQuality.LOST) is is_found
 
 
 def test_dropped_frames_are_bridged(localizer: Localizer, walk: list[tuple[Frame, Transform]]) -> None:

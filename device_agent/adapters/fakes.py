@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from device_agent.ports import Clock, EventKind, KeptMessage
+from device_agent.ports import ButtonPress, Clock, EventKind, KeptMessage
 from navcore.cues.overlay import Overlay
 from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.errors import SensorError
 from navcore.settings import Settings
-from navcore.types import CameraIntrinsics, Frame, Localization, SonarReading, SonarState
+from navcore.types import CameraIntrinsics, FisheyeImage, Frame, Localization, SonarReading, SonarState
 from navcore.wire import WalkerState
 
 
@@ -46,6 +46,29 @@ class FakeCamera:
             if self._clock.now_s() - entry.stamp_s <= self._fresh_for_s:
                 return entry
         raise SensorError("The camera delivers no pictures: check its cable.")
+
+    def close(self) -> None:
+        """Deliver nothing from now on."""
+        self._closed = True
+
+
+class FakeWideCamera:
+    """A fisheye camera that is fed: each entry is a picture, or the error that reading it raises."""
+
+    def __init__(self, clock: Clock, feed: Iterable[FisheyeImage | Exception]) -> None:
+        self._clock = clock
+        self._feed = iter(feed)
+        self._closed = False
+
+    def read(self) -> FisheyeImage:
+        """Return the next picture of the feed at its time. Raises SensorError, or the error that was fed."""
+        entry = None if self._closed else next(self._feed, None)
+        if entry is None:
+            raise SensorError("The fisheye camera delivers no pictures: check its cable.")
+        if isinstance(entry, Exception):
+            raise entry
+        self._clock.sleep_until(entry.stamp_s)
+        return entry
 
     def close(self) -> None:
         """Deliver nothing from now on."""
@@ -139,6 +162,40 @@ class FakeDisplay:
     def close(self) -> None:
         """Be dark from now on."""
         self._closed = True
+
+
+class FakeButtons:
+    """Buttons that a program presses."""
+
+    def __init__(self) -> None:
+        self._waiting: list[ButtonPress] = []
+        self._closed = False
+
+    def press(self, press: ButtonPress) -> None:
+        """Press a button; it is told at the next look."""
+        self._waiting.append(press)
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Return what was pressed since the last call. Raises SensorError after closing."""
+        if self._closed:
+            raise SensorError("The buttons are closed: start the device again.")
+        waiting, self._waiting = tuple(self._waiting), []
+        return waiting
+
+    def close(self) -> None:
+        """Tell nothing from now on."""
+        self._closed = True
+
+
+class NoButtons:
+    """There are no buttons."""
+
+    def pressed(self) -> tuple[ButtonPress, ...]:
+        """Nobody can press anything."""
+        return ()
+
+    def close(self) -> None:
+        """Nothing to close."""
 
 
 class FakeLocalizer:

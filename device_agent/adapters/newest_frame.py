@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import threading
+from collections.abc import Callable
 
+from device_agent.adapters.newest import NewestReader
 from device_agent.ports import Clock, DepthCamera
 from navcore.errors import SensorError
 from navcore.types import CameraIntrinsics, Frame
 
-_RETRY_AFTER_S = 0.2
 _AHEAD_S = 0.2
 """Two clocks may differ by so much; a picture from the future would never be found stale."""
 
@@ -16,20 +16,18 @@ _AHEAD_S = 0.2
 class NewestFrameCamera:
     """Wraps a camera; ``read`` gives its newest frame, each once, or SensorError after ``timeout_s`` without one.
 
-    A camera that hangs inside its driver hangs only the thread here. One that fails is asked again until it recovers.
+    A camera that hangs inside its driver hangs only its thread. One that fails is asked again until it recovers.
     """
 
-    def __init__(self, camera: DepthCamera, clock: Clock, timeout_s: float) -> None:
+    def __init__(
+        self, camera: DepthCamera, clock: Clock, timeout_s: float, abandon: Callable[[], None] | None = None
+    ) -> None:
+        """``abandon`` makes the camera leave a driver alone that does not return; None waits for it."""
         self._camera = camera
         self._clock = clock
         self.timeout_s = timeout_s
         """Longest time without a picture; may be changed at any time."""
-        self._arrived = threading.Condition()
-        self._newest: Frame | None = None
-        self._error: SensorError | None = None
-        self._closed = threading.Event()
-        self._thread = threading.Thread(target=self._fetch, name="camera", daemon=True)
-        self._thread.start()
+        self._reader: NewestReader[Frame] = NewestReader("camera", camera, clock, abandon)
 
     @property
     def intrinsics(self) -> CameraIntrinsics:
@@ -38,12 +36,7 @@ class NewestFrameCamera:
 
     def read(self) -> Frame:
         """Return the newest frame that was not given yet. Raises SensorError when none comes, or it is old."""
-        with self._arrived:
-            self._arrived.wait_for(lambda: self._newest or self._error or self._closed.is_set(), self.timeout_s)
-            frame, self._newest = self._newest, None
-            error, self._error = self._error, None
-        if error is not None and frame is None:
-            raise error
+        frame = self._reader.wait(self.timeout_s)
         if frame is None:
             raise SensorError("The camera delivers no pictures: check its cable.")
         age_s = self._clock.now_s() - frame.stamp_s
@@ -55,29 +48,4 @@ class NewestFrameCamera:
 
     def close(self) -> None:
         """Stop the thread and close the camera."""
-        self._closed.set()
-        with self._arrived:
-            self._arrived.notify_all()
-        self._camera.close()
-        self._thread.join(timeout=2 * self.timeout_s)
-
-    def _fetch(self) -> None:
-        while not self._closed.is_set():
-            try:
-                frame = self._camera.read()
-            except SensorError as error:
-                self._leave(None, error)
-                self._closed.wait(_RETRY_AFTER_S)
-            except Exception as error:
-                self._leave(None, SensorError(f"The camera failed ({type(error).__name__}: {error}): check its cable."))
-                self._closed.wait(_RETRY_AFTER_S)
-            else:
-                self._leave(frame, None)
-
-    def _leave(self, frame: Frame | None, error: SensorError | None) -> None:
-        with self._arrived:
-            if frame is not None:
-                self._newest, self._error = frame, None
-            else:
-                self._error = error
-            self._arrived.notify_all()
+        self._reader.close()

@@ -14,7 +14,7 @@ from device_agent.voice import VoiceMemory
 from navcore import wire
 from navcore.cues.table import Cue
 from navcore.errors import SensorError
-from navcore.geometry import Transform
+from navcore.geometry import FloatArray, Transform
 from navcore.obstacle.scan import Scanner
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import ObstacleSettings, Settings
@@ -89,12 +89,15 @@ class FrameNotes(msgspec.Struct, frozen=True):
     stamp_s: float
     fisheye_stamp_s: float | None = None
     fisheye_camera: FisheyeCamera | None = None
+    gravity: FloatArray | None = None
 
     @staticmethod
     def of(frame: Frame) -> FrameNotes:
         """Return what is noted of a frame."""
         wide = frame.fisheye
-        return FrameNotes(frame.stamp_s) if wide is None else FrameNotes(frame.stamp_s, wide.stamp_s, wide.camera)
+        if wide is None:
+            return FrameNotes(frame.stamp_s, gravity=frame.gravity)
+        return FrameNotes(frame.stamp_s, wide.stamp_s, wide.camera, frame.gravity)
 
 
 class CycleNotes(msgspec.Struct, frozen=True):

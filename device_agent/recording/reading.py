@@ -208,4 +208,4 @@ def _frame(notes: FrameNotes, pictures: dict[str, bytes]) -> Frame:
     fisheye = None
     if wide is not None and notes.fisheye_camera is not None and notes.fisheye_stamp_s is not None:
         fisheye = FisheyeImage(notes.fisheye_stamp_s, foxglove.pixels_of(wide), notes.fisheye_camera)
-    return Frame(notes.stamp_s, foxglove.pixels_of(colour), foxglove.depths_of(depth), fisheye)
+    return Frame(notes.stamp_s, foxglove.pixels_of(colour), foxglove.depths_of(depth), fisheye, notes.gravity)

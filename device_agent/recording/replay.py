@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -35,6 +35,7 @@ from navcore.settings import ObstacleSettings, Settings, SettingValue
 from navcore.site import Site
 from navcore.types import (
     CameraIntrinsics,
+    DecisionTrace,
     DepthImage,
     Frame,
     Guidance,
@@ -114,10 +115,17 @@ def difference(cycle: ReplayedCycle) -> dict[str, object]:
     return {
         "cycle": cycle.notes.number,
         "stamp_s": then.stamp_s,
-        "in": list(cycle.differs_in),
+        "in": [*cycle.differs_in, *_fields_that_differ(then, now)],
         "then": _in_words(then, cycle.notes.cues),
         "now": _in_words(now, cycle.cues),
     }
+
+
+def _fields_that_differ(then: Guidance, now: Guidance) -> list[str]:
+    """Name what is not the same in two decisions that may come to the same."""
+    outer = [(f"guidance.{each.name}", then, now, each.name) for each in fields(Guidance) if each.name != "trace"]
+    inner = [(f"trace.{each.name}", then.trace, now.trace, each.name) for each in fields(DecisionTrace)]
+    return [name for name, old, new, field in outer + inner if not exact.same(getattr(old, field), getattr(new, field))]
 
 
 def _in_words(guidance: Guidance, cues: tuple[Cue, ...]) -> str:
@@ -314,7 +322,7 @@ class _ReplayedCamera:
         notes = self._tap.notes
         given = _given(notes.frame, notes.camera_error)
         assert self._tap.recorded is not None
-        return self._tap.recorded.frame or Frame(given.stamp_s, _NO_COLOUR, _NO_DEPTH)
+        return self._tap.recorded.frame or Frame(given.stamp_s, _NO_COLOUR, _NO_DEPTH, None, given.gravity)
 
     def close(self) -> None:
         """Nothing is open."""

@@ -17,15 +17,14 @@ _STOPS_M = 0.9
 _IN_THE_WAY_M = 0.8
 """Sideways distance at which two people pass each other."""
 _BROAD_M = 0.6
-_IN_THE_LANE_M = 0.55
-"""Nearer than this to where the walker walks, somebody is in their way already."""
 _STEP_ASIDE_M_S, _BACK_M_S = 0.6, 0.3
 _FARTHEST_ASIDE_M = 0.9
 _PATIENCE_S = 4.0
 _PASSED_M = 1.2
 """Who has passed the walker goes back to their path when they are so far away."""
 _PACE_M_S, _FORESEES_S, _YIELDS_WITHIN_M = 0.9, 2.0, 2.5
-"""Who would cross just before somebody waits until they have passed."""
+"""Who foresees coming too near waits, where that leaves more room than going on."""
+_MOVES_M_S = 0.2
 _GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
 """Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""
 IsFree = Callable[[float, float], bool]
@@ -78,33 +77,34 @@ def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: I
         return _making_room(courtesy, dt_s)
     if ahead_m <= 0.0 and distance_m < _PASSED_M:
         return replace(courtesy, standing_s=0.0)
-    if _would_cross_before(placement, walker):
-        return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=0.0)
-    if ahead_m <= 0.0 or distance_m > _NOTICED_M:
+    late_s = dt_s if _stands_better(placement, walker) else 0.0
+    if ahead_m <= 0.0 and late_s > 0.0:
+        return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=0.0)
+    if ahead_m <= 0.0 or distance_m > _YIELDS_WITHIN_M:
         return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s), standing_s=0.0)
-    if abs(left_m) < _IN_THE_WAY_M:
+    if abs(left_m) < _IN_THE_WAY_M and distance_m < _NOTICED_M:
         sign = -1.0 if left_m > 0.0 else 1.0
         courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
-    if distance_m >= _STOPS_M or abs(left_m) >= _BROAD_M:
-        return replace(courtesy, standing_s=0.0)
-    return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
+    if distance_m < _STOPS_M and abs(left_m) < _BROAD_M:
+        return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
+    return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=0.0)
 
 
-def _would_cross_before(placement: Placement, walker: Seen) -> bool:
-    """Whether somebody beside the walker's way would come into it right before them."""
-    speed_m_s = math.hypot(walker.vx_m_s, walker.vy_m_s)
+def _stands_better(placement: Placement, walker: Seen) -> bool:
+    """Whether somebody who walks on would come too near to the walker, and nearer than if they stand."""
     dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
-    if speed_m_s < 0.2 or math.hypot(dx_m, dy_m) > _YIELDS_WITHIN_M:
+    if math.hypot(walker.vx_m_s, walker.vy_m_s) < _MOVES_M_S or math.hypot(dx_m, dy_m) > _YIELDS_WITHIN_M:
         return False
-    beside_m = abs(walker.vx_m_s * dy_m - walker.vy_m_s * dx_m) / speed_m_s
-    is_before = -(walker.vx_m_s * dx_m + walker.vy_m_s * dy_m) > 0.0
-    if beside_m < _IN_THE_LANE_M or not is_before:
-        # In the walker's way already: to go on clears it soonest. Behind them: nobody is in anybody's way.
-        return False
-    vx = walker.vx_m_s - _PACE_M_S * math.cos(placement.yaw_rad)
-    vy = walker.vy_m_s - _PACE_M_S * math.sin(placement.yaw_rad)
-    when_s = min(_FORESEES_S, max(0.0, -(dx_m * vx + dy_m * vy) / max(vx * vx + vy * vy, 1e-9)))
-    return math.hypot(dx_m + when_s * vx, dy_m + when_s * vy) < _IN_THE_WAY_M
+    pace = _PACE_M_S * math.cos(placement.yaw_rad), _PACE_M_S * math.sin(placement.yaw_rad)
+    goes_m = _nearest_m(dx_m, dy_m, walker.vx_m_s - pace[0], walker.vy_m_s - pace[1])
+    return goes_m < _IN_THE_WAY_M and goes_m <= _nearest_m(dx_m, dy_m, walker.vx_m_s, walker.vy_m_s)
+
+
+def _nearest_m(dx_m: float, dy_m: float, vx_m_s: float, vy_m_s: float) -> float:
+    """Return how near something comes that is at (dx, dy) and moves on evenly, as far as people foresee."""
+    when_s = -(dx_m * vx_m_s + dy_m * vy_m_s) / max(vx_m_s**2 + vy_m_s**2, 1e-9)
+    when_s = min(_FORESEES_S, max(0.0, when_s))
+    return math.hypot(dx_m + when_s * vx_m_s, dy_m + when_s * vy_m_s)
 
 
 def _making_room(courtesy: Courtesy, dt_s: float) -> Courtesy:

@@ -59,7 +59,8 @@ def aim(
     last_goal = None if before is None else before.sub_goal
     if follower.policy == "paper":
         goal = select_sub_goal(route, closest_index, pose, last_goal, follower)
-        return Aim(closest_index, deviation_m, goal, expected_direction(goal, pose), distance_to(goal, pose))
+        reach_m = min(distance_to(goal, pose), _until_arrival_m(route, pose, settings))
+        return Aim(closest_index, deviation_m, goal, expected_direction(goal, pose), reach_m)
     goal = road_centred.select_aim(route, closest_index, speed_m_s, last_goal, follower)
     line = None if scan is None else _line(route, closest_index, goal, pose, speed_m_s, before, scan, settings)
     if line is not None:
@@ -69,7 +70,18 @@ def aim(
     expected = road_centred.expected_to(route, goal, closest_index, pose, speed_m_s, follower)
     half_width_m = settings.obstacle.person_width_m / 2.0
     reach_m = road_centred.reach_m(route, closest_index, pose, expected, half_width_m)
+    reach_m = min(reach_m, _until_arrival_m(route, pose, settings))
     return Aim(closest_index, deviation_m, goal, expected, reach_m)
+
+
+def _until_arrival_m(route: Route, pose: Pose2D, settings: Settings) -> float:
+    """Return how far the walker goes at most: whoever has arrived is stopped, and comes to a stand before the end.
+
+    A destination that was recorded at arm's length from a wall could never be reached otherwise.
+    """
+    end = route.points_m[-1]
+    distance_m = math.hypot(float(end[0]) - pose.x_m, float(end[1]) - pose.y_m)
+    return max(0.0, distance_m - settings.follower.arrival_distance_m / 2.0)
 
 
 def _line(

@@ -26,7 +26,7 @@ BRAKING_M_S2 = 1.2
 """How people who walk come to a stand (K. Hase, R. Stein, J. Neurophysiology 80, 1998)."""
 _ARM_M = 1.0
 """A corner is a bend between the directions of the road so far before and behind it: recorded corners are rounded."""
-_SPEED_MEMORY_S = 0.5
+_SPEED_MEMORY_S = 0.25
 _FASTEST_M_S = 2.0
 _LONGEST_GAP_S = 1.0
 _STRAIGHT_M = 5.0

@@ -37,8 +37,12 @@ _STANDS_COUNT = 6
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
-_HEARD_FORGOTTEN_AFTER_S = 8.0
-_HEARD_WITHIN_M = 2.0
+_HEARD_FORGOTTEN_AFTER_S, _HEARD_OFTEN_FORGOTTEN_AFTER_S = 8.0, 40.0
+_HEARD_OFTEN = 4
+"""Who goes round a pane has it beside them, where nothing hears it, for as long as that takes."""
+_HEARD_WITHIN_M = 2.6
+_HEARD_BESIDE_M = 0.15
+"""What is heard may reach so far beyond the ultrasonic field: a pane has no edge that could be heard."""
 _SILENT_FOR_S = 0.5
 """An echo that fails to come once or twice says nothing: a pane that is met aslant returns few."""
 _UNSEEN_MARGIN_M = 0.4
@@ -106,7 +110,9 @@ def remember_heard(
         now_s: the present time.
     """
     bearing_rad, range_m = seen_from(pose, heard.places_m)
-    kept = (np.abs(now_s - heard.seen_s) <= _HEARD_FORGOTTEN_AFTER_S) & (range_m < _KEPT_WITHIN_M)
+    often = heard.seen_count >= _HEARD_OFTEN
+    patience_s = np.where(often, _HEARD_OFTEN_FORGOTTEN_AFTER_S, _HEARD_FORGOTTEN_AFTER_S)
+    kept = (np.abs(now_s - heard.seen_s) <= patience_s) & (range_m < _KEPT_WITHIN_M)
     if echo_m is None:
         return heard.kept(kept)
     reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)
@@ -116,8 +122,9 @@ def remember_heard(
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))
     if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:
         return heard
-    count = 2 + int(2.0 * half_field_rad * echo_m / CELL_M)
-    points = placed(pose, np.linspace(-half_field_rad, half_field_rad, count), np.full(count, echo_m))
+    half_arc_rad = half_field_rad + _HEARD_BESIDE_M / max(echo_m, _HEARD_BESIDE_M)
+    count = 2 + int(2.0 * half_arc_rad * echo_m / CELL_M)
+    points = placed(pose, np.linspace(-half_arc_rad, half_arc_rad, count), np.full(count, echo_m))
     cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
     top_m = np.full(len(cells), _HEARD_TOP_M)
     return _merged(heard, ObstacleMemory(cells, top_m, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))

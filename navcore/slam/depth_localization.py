@@ -39,6 +39,7 @@ believed: 99.9 % of the χ² distribution with six degrees of freedom is 22.5.""
 SURFACE_SIGMA_M = 0.013
 SURFACE_SIGMA_RAD = 0.004
 """Standard deviation, per axis, of what map and sensor err alike."""
+_SURFACE_COVARIANCE = np.diag([SURFACE_SIGMA_M**2] * 3 + [SURFACE_SIGMA_RAD**2] * 3)
 LOST_SIGMA_M = 1.0
 """Where the motion model alone fills a direction, the pose is given up beyond this standard deviation."""
 UNKNOWN_PACE_M_S = 1.0
@@ -54,6 +55,8 @@ class DepthPlace:
     track: Track
     covariance: FloatArray
     """(6, 6): of (position, rotation) in the world."""
+    shared_covariance: FloatArray
+    """(6, 6): the part of it that the map errs here, and the sensor alike."""
     is_sure: bool
     """Whether surfaces of the map fix all of it, and convince."""
 
@@ -73,14 +76,13 @@ class DepthAid:
         before: Track,
         followed: Track | None,
         predicted: Track,
-        covariance: FloatArray,
+        relative_covariance: FloatArray,
         is_pace_known: bool,
     ) -> DepthPlace | None:
         """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
 
-        ``before`` is the frame before, with its ``covariance`` (6, 6); ``followed`` is where odometry has this one,
-        ``predicted`` where the motion model has it, which knows the walker's pace or
-        not.
+        ``before`` is the frame before, with its covariance (6, 6) relative to the map; ``followed`` is where odometry
+        has this one, ``predicted`` where the motion model has it, which knows the walker's pace or not.
         """
         near = predicted if followed is None else followed
         step_s = near.stamp_s - before.stamp_s
@@ -92,7 +94,7 @@ class DepthAid:
             found = self.carried(seen, near.camera_from_world, step_s)
         if found is None:
             return None
-        expected = drifted(covariance, before, near)
+        expected = drifted(relative_covariance, before, near)
         if is_unguided:
             expected = _unguided(expected, step_s, MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S)
         prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
@@ -100,13 +102,15 @@ class DepthAid:
         if _surprise(prior, said) > MAX_SURPRISE:
             return None
         both = fused(prior, said)
-        alignment, covariance = found.alignment, _covariance(both)
-        if is_unguided and float(np.linalg.eigvalsh(covariance[:3, :3])[-1]) > LOST_SIGMA_M**2:
+        alignment, relative = found.alignment, covariance_in_world(both.camera_from_world, both.information)
+        if is_unguided and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
         is_sure = (
             found.is_complete and alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
         )
-        return DepthPlace(_moved(near, both), covariance, is_sure)
+        # Surfaces tell the pose relative to a key frame, and where that is the map knows only so well.
+        shared = self._map.keyframe_covariance[found.reference] + _SURFACE_COVARIANCE
+        return DepthPlace(_moved(near, both), relative + shared, shared, is_sure)
 
     def carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
         """Return what the surfaces of the nearest key frame say of a frame near a first guess (4, 4)."""
@@ -146,11 +150,6 @@ def _surprise(prior: PoseFactor, said: PoseFactor) -> float:
     spread = basis.T @ np.linalg.inv(prior.information) @ basis + np.diag(1.0 / values[known])
     along = basis.T @ error
     return float(along @ np.linalg.solve(spread, along))
-
-
-def _covariance(known: PoseFactor) -> FloatArray:
-    shared = np.diag([SURFACE_SIGMA_M**2] * 3 + [SURFACE_SIGMA_RAD**2] * 3)
-    return covariance_in_world(known.camera_from_world, known.information) + shared
 
 
 def _moved(track: Track, known: PoseFactor) -> Track:

@@ -165,6 +165,16 @@ def motion_information(free_directions: FloatArray, step_s: float) -> FloatArray
     return np.asarray(free_directions.T @ along @ free_directions) * np.outer(lever, lever)
 
 
+def motion_covariance(free_directions: FloatArray) -> FloatArray:
+    """Return the covariance (6, 6) of a twist after one second in which only the motion model told of directions
+    (k, 6); zero across them."""
+    lever = np.array([1.0, 1.0, 1.0, LEVER_M, LEVER_M, LEVER_M])
+    sigma = np.array([MOTION_SIGMA_M_S] * 3 + [MOTION_SIGMA_RAD_S] * 3) * lever
+    along = np.linalg.inv(free_directions @ np.diag(sigma**-2.0) @ free_directions.T)
+    twists = free_directions / lever
+    return np.asarray(twists.T @ along @ twists)
+
+
 def nearest_view(camera_from_world: FloatArray, usable: BoolArray, guess: FloatArray) -> int:
     """Return the key frame, of poses (K, 4, 4) and those ``usable`` (K,), that looks where ``guess`` does, or −1."""
     centres = -np.einsum("kji,kj->ki", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])

@@ -9,6 +9,8 @@ from numpy.typing import NDArray
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
 from navcore.slam.apertures import REACH_PX, edge_directions, slides_of
+from navcore.slam.contours import REACH_PX as CONTOUR_REACH_PX
+from navcore.slam.contours import on_contour
 from navcore.slam.corners import find_corners
 from navcore.slam.descriptors import describe, disc_weights, pattern_places
 from navcore.slam.keyframes import (
@@ -82,6 +84,8 @@ class FeatureExtractor:
         # Pixel centres lie at whole numbers; the sizes of the levels are rounded, each side its own way.
         raw_px = (corners[:, :2] + 0.5) * self._scales[octave] - 0.5
         uvr, depth = measure(raw_px, self._undistorted, depth_m, self.camera.bf_px_m)
+        nowhere = on_contour(raw_px, CONTOUR_REACH_PX * self._scales[octave, 0], depth_m)
+        uvr[nowhere, 2], depth[nowhere] = np.nan, np.nan
         reach_px = REACH_PX * self._scales[octave, 0]
         slides = slides_of(edges, raw_px, reach_px, depth_m, self.camera.bf_px_m)
         order, cell_start = sort_into_cells(uvr, self._columns, self._rows)

@@ -49,6 +49,7 @@ def freeze(
         "keyframe_grey": _grids(builder, alive, builder.grey_grids, np.uint8),
         "camera_from_world": builder.camera_from_world[alive],
         "keyframe_covariance": np.zeros((len(alive), 6, 6)),
+        "keyframe_drift": np.array([builder.drifts.get(k, np.zeros((6, 6))) for k in alive.tolist()]),
         "parent": new_keyframe[builder.parent[alive]],
         "loop_edges": _renumbered([(i, j) for i, j, _ in builder.loop_edges], new_keyframe),
         "feature_start": np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64),

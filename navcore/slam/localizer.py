@@ -45,6 +45,7 @@ from navcore.slam.pose_uncertainty import (
     map_covariance,
     misfit,
     odometry_factor,
+    weighed_by_misfit,
     with_ambiguity,
 )
 from navcore.slam.relocalization import is_same_place, proposals
@@ -68,7 +69,7 @@ from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQua
 RELOCALIZATION_CANDIDATES = 10
 """Key frames that look alike, which are tried."""
 RELOCALIZATION_INLIERS = 40
-"""Landmarks that must agree when there was no guess."""
+"""Landmarks that are no edges that must agree when there was no guess: along bare corridors edges agree anywhere."""
 RIVAL_SHARE = 0.6
 """Where another place convinces too, with more than this share of the best one's landmarks, neither is believed."""
 STEADY_COUNT = 80
@@ -170,6 +171,8 @@ class Localizer:
         moved = track_last_frame(self._map, state.last, features, frame.stamp_s, guess)
         if moved is not None and not is_walkable(state.last, moved.track):
             moved = None
+        if moved is not None:
+            moved = replace(moved, track=weighed_by_misfit(self._map.camera, moved.track))
         unseen = np.full(len(features), NO_LANDMARK, np.int32)
         predicted = Track(frame.stamp_s, features, guess, unseen, np.zeros((6, 6)))
         # Somebody who walks along can lead odometry astray; the map, looked for where the camera should be, cannot.
@@ -218,15 +221,15 @@ class Localizer:
             followed = None if moved is None else moved.track
             at_pace = self._at_pace(state, frame.stamp_s, predicted.camera_from_world)
             predicted = replace(predicted, camera_from_world=at_pace)
-            placed = self._depth.place(
-                self._seen, state.last, followed, predicted, state.covariance, self._pace.is_known
-            )
+            relative = state.covariance - state.shared_covariance
+            placed = self._depth.place(self._seen, state.last, followed, predicted, relative, self._pace.is_known)
             if placed is not None:
                 return replace(
                     state,
                     last=placed.track,
                     before_last=state.last,
                     covariance=placed.covariance,
+                    shared_covariance=placed.shared_covariance,
                     matched_s=frame.stamp_s if placed.is_sure else state.matched_s,
                     confirmations=state.confirmations if placed.is_sure or doubtful is None else 0,
                 )
@@ -386,6 +389,8 @@ class Localizer:
                 rival = max(rival, match.evidence.found)
         if best is None:
             return self._find_by_fisheye(frame, features)
+        if best.track.distinct_count < RELOCALIZATION_INLIERS:
+            return None
         if rival > RIVAL_SHARE * best.evidence.found or not self._is_undisputed(best, 0.0):
             return None
         return self._matched(None, best, frame, 1)

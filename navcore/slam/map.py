@@ -72,6 +72,8 @@ class MapBuilder:
         """Mean grey (rows, columns) of the depth grids' cells."""
         self.depth_carried: set[int] = set()
         """Key frames whose poses rest on depth more than on landmarks."""
+        self.drifts: dict[int, FloatArray] = {}
+        """Of key frames up to which something was open: see :attr:`navcore.slam.slam_map.SlamMap.keyframe_drift`."""
         self.readout = ReadoutTime()
         """How long the camera takes to read a picture, as far as is known."""
         self._feature_capacity = features_per_frame

@@ -44,6 +44,7 @@ SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
     "keyframe_grey": (np.uint8, ("K", "R", "C")),
     "camera_from_world": (np.float64, ("K", 4, 4)),
     "keyframe_covariance": (np.float64, ("K", 6, 6)),
+    "keyframe_drift": (np.float64, ("K", 6, 6)),
     "parent": (np.int32, ("K",)),
     "loop_edges": (np.int32, ("L", 2)),
     "feature_start": (np.int64, ("K+1",)),
@@ -71,8 +72,8 @@ PLACE_SHAPES: dict[str, tuple[type, tuple[int | str, ...]]] = {
 """The same of the index of places; what its words mean is checked where it is read."""
 _SINCE_SECOND_SCHEMA = {"keyframe_session": "keyframe_stamp_s", "trajectory_session": "trajectory_stamp_s"}
 _FINITE = (
-    "camera", "readout_s", "keyframe_stamp_s", "camera_from_world", "keyframe_covariance", "feature_angle_rad",
-    "positions", "normals", "reach", "trajectory_stamp_s", "trajectory",
+    "camera", "readout_s", "keyframe_stamp_s", "camera_from_world", "keyframe_covariance", "keyframe_drift",
+    "feature_angle_rad", "positions", "normals", "reach", "trajectory_stamp_s", "trajectory",
 )  # fmt: skip
 
 
@@ -118,7 +119,7 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
 
     Maps of the first were made of one recording and do not say so, and their key frames kept no depth; those of the
     second kept no grey, and do not say how far they can be wrong, which all zeros stand for; nor did early ones of the
-    third say how long the camera reads a picture.
+    third say how long the camera reads a picture, or between which key frames nothing seen led.
     """
     missing: dict[str, NDArray[Any]] = {
         name: np.zeros(len(arrays[like]), np.int32)
@@ -131,6 +132,7 @@ def _with_what_came_later(arrays: Arrays) -> Arrays:
         missing["keyframe_depth"] = np.zeros(kept.shape, np.uint16)
         missing["keyframe_grey"] = np.zeros(kept.shape, np.uint8)
         missing["keyframe_covariance"] = np.zeros((count, 6, 6))
+        missing["keyframe_drift"] = np.zeros((count, 6, 6))
     missing["readout_s"] = np.zeros(1)
     return {**missing, **arrays}
 
@@ -197,6 +199,8 @@ def _check_geometry(arrays: dict[str, NDArray[Any]]) -> None:
             raise damaged(f"{name} holds something that is no pose")
     if not _are_covariances(arrays["keyframe_covariance"]):
         raise damaged("keyframe_covariance holds something that is no covariance")
+    if not _are_drifts(arrays["keyframe_drift"]):
+        raise damaged("keyframe_drift holds something that is no covariance")
     for values, name in ((arrays["positions"], "positions"), (arrays["reach"], "reach")):
         if not (np.abs(values) <= MAX_COORDINATE_M).all():
             raise damaged(f"{name} holds a place farther than 100 km away")
@@ -225,3 +229,11 @@ def _are_covariances(covariances: NDArray[np.float64]) -> bool:
     skew = np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2), initial=0.0)
     least = np.linalg.eigvalsh(covariances)[:, 0]
     return bool((skew <= _ORTHONORMAL * size).all() and ((least > 0).all() or not size.any()))
+
+
+def _are_drifts(covariances: NDArray[np.float64]) -> bool:
+    """Whether all are symmetric, and of no axis negative."""
+    size = np.abs(covariances).max(axis=(1, 2), initial=0.0)
+    skew = np.abs(covariances - np.swapaxes(covariances, 1, 2)).max(axis=(1, 2), initial=0.0)
+    least = np.linalg.eigvalsh(covariances)[:, 0]
+    return bool((skew <= _ORTHONORMAL * size).all() and (least >= -_ORTHONORMAL * size).all())

@@ -111,12 +111,15 @@ def _assembled(blocks: FloatArray, row: IntArray, col: IntArray, count: int) -> 
 
 
 def _ties(slam_map: SlamMap) -> scipy.sparse.csc_matrix:
-    """Return the information that ties each key frame to the one before it in the same recording."""
+    """Return the information that ties each key frame to the one before it in the same recording: less along what
+    nothing seen led along between them."""
     after = np.flatnonzero(np.diff(slam_map.keyframe_session) == 0).astype(np.int32) + np.int32(1)
     before = after - np.int32(1)
     centres = _centres(slam_map)
     carried = _carried(centres[after] - centres[before])
-    weight = np.broadcast_to(np.diag([TIE_SIGMA_M**-2] * 3 + [TIE_SIGMA_RAD**-2] * 3), carried.shape)
+    turned = _world_from_twist(slam_map)[after]
+    drift = turned @ slam_map.keyframe_drift[after] @ turned.transpose(0, 2, 1)
+    weight = np.linalg.inv(drift + np.diag([TIE_SIGMA_M**2] * 3 + [TIE_SIGMA_RAD**2] * 3))
     back = carried.transpose(0, 2, 1) @ weight
     blocks = np.concatenate([back @ carried, weight, -back])
     row, col = np.concatenate([before, after, before]), np.concatenate([before, after, after])

@@ -16,6 +16,7 @@ import numpy as np
 from navcore.errors import MappingError
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
+from navcore.slam.blind_steps import BlindSteps
 from navcore.slam.depth_mapping import KEYFRAME_OVERLAP, MAX_BLIND_S, MIN_TRACKED, DepthCarrier
 from navcore.slam.depth_tracking import Carried, DepthView
 from navcore.slam.features import FeatureExtractor, grey_of
@@ -112,6 +113,7 @@ class Mapper:
         self._depth = DepthCarrier(self.builder)
         self._pace = Pace()
         self._is_fixed = True
+        self._blind = BlindSteps()
         self._carried: Carried | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
@@ -206,6 +208,7 @@ class Mapper:
             self.frame_poses.append(FramePose(stamp_s, -1, np.eye(4)))
             return False
         track = self._unrolled_as_found(track)
+        self._note_blind(track)
         if self._is_keyframe_due(track):
             self._insert_keyframe(track, depth)
             camera_from_reference = np.eye(4)
@@ -214,6 +217,13 @@ class Mapper:
         self.frame_poses.append(FramePose(stamp_s, self._reference, camera_from_reference))
         self._before_last, self._last = (self._last if self._was_tracked() else None), track
         return True
+
+    def _note_blind(self, track: Track) -> None:
+        """Remember along what nothing seen has led to a frame."""
+        assert self._last is not None
+        is_open = self._carried is not None and not self._is_fixed
+        free = self._carried.alignment.free_directions if self._carried is not None and is_open else np.zeros((0, 6))
+        self._blind.note(track.camera_from_world, track.stamp_s - self._last.stamp_s, free)
 
     def _unrolled_as_expected(self, features: Features) -> Features:
         """Return features unrolled as if the camera kept its velocity, sorted by where they are then."""
@@ -481,6 +491,9 @@ class Mapper:
     def _insert_keyframe(self, track: Track, depth: DepthView) -> None:
         index = self.builder.add_keyframe(track.stamp_s, track.features, track.camera_from_world, track.landmark_of)
         self._depth.keep(index, depth)
+        drift = self._blind.taken(track.camera_from_world)
+        if drift.any():
+            self.builder.drifts[index] = drift
         if track.inlier_count < MIN_TRACKED or (
             self._carried is not None and self._carried.is_complete and is_sparse(track)
         ):

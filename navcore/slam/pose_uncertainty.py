@@ -11,11 +11,14 @@ the map's own covariance at this place is added for them.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from navcore.compiled import kernel
 from navcore.geometry import FloatArray
+from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import log_so3
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_factor import PoseFactor
@@ -55,10 +58,24 @@ def misfit(view: MapView, track: Track) -> float:
     At least ``LEAST_MISFIT``; ``UNKNOWN_MISFIT`` where the landmarks lie in too few blocks of the image.
     """
     seen = np.flatnonzero(track.landmark_of >= 0)
-    camera, features = view.camera, track.features
+    return _misfit(view.camera, track, seen, view.positions[track.landmark_of[seen]])
+
+
+def weighed_by_misfit(camera: SlamCamera, track: Track) -> Track:
+    """Return a frame that odometry followed, its information divided by the misfit of the points that it followed."""
+    if track.carried_points is None:
+        return track
+    seen = np.flatnonzero(np.isfinite(track.carried_points[:, 2]))
+    points = np.ascontiguousarray(track.carried_points[seen])
+    return replace(track, information=track.information / _misfit(camera, track, seen, points))
+
+
+def _misfit(camera: SlamCamera, track: Track, seen: NDArray[np.int64], points: FloatArray) -> float:
+    """Return the misfit of the features ``seen`` (m,), which show points (m, 3)."""
+    features = track.features
     gradients, counts = _block_gradients(
         np.ascontiguousarray(track.camera_from_world),
-        view.positions[track.landmark_of[seen]],
+        points,
         features.uvr_px[seen],
         features.inv_sigma2[seen],
         camera.fx_px,
@@ -94,14 +111,18 @@ def map_covariance(
 
 
 def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:
-    """Return the covariance (6, 6) after a movement that only odometry saw."""
+    """Return the covariance (6, 6) after a movement that only odometry saw.
+
+    What the points that it followed leave open is added, where any were followed: in the dark, they are few and noisy.
+    """
     moved_m = float(np.linalg.norm(centre_of(after) - centre_of(before)))
     step = after.camera_from_world[:3, :3] @ before.camera_from_world[:3, :3].T
     turned_rad = float(np.linalg.norm(log_so3(np.ascontiguousarray(step))))
     rotation_variance = float(np.trace(covariance[3:, 3:])) / 3
     growth_m2 = (DRIFT_SHARE * moved_m) ** 2 + DRIFT_SIGMA_M**2 + rotation_variance * moved_m**2
     growth_rad2 = (DRIFT_SHARE * turned_rad) ** 2 + DRIFT_SIGMA_RAD**2
-    return covariance + _diagonal(growth_m2, growth_rad2)
+    grown = covariance + _diagonal(growth_m2, growth_rad2)
+    return grown + covariance_in_world(after.camera_from_world, after.information) if after.information.any() else grown
 
 
 def is_walkable(before: Track, after: Track) -> bool:

@@ -55,6 +55,9 @@ class SlamMap:
     keyframe_covariance: FloatArray
     """(K, 6, 6): of (camera position, rotation) in the world, of each key frame: how far the map can be wrong there;
     see :func:`navcore.slam.map_uncertainty.keyframe_covariances`."""
+    keyframe_drift: FloatArray
+    """(K, 6, 6): covariance of a twist in each camera's frame, by which the step from the key frame before may be wrong
+    beyond what was seen, see :mod:`navcore.slam.blind_steps`; zero where everything was fixed."""
     parent: IntArray
     """(K,): spanning tree, −1 at its root."""
     loop_edges: IntArray

@@ -46,6 +46,8 @@ def graft(builder: MapBuilder, slam_map: SlamMap, world_from_map: FloatArray) ->
             builder.add_keyframe(float(moved.keyframe_stamp_s[k]), features, moved.camera_from_world[k], shown)
         )
         _keep_depth(builder, added[-1], moved, k)
+        if moved.keyframe_drift[k].any():
+            builder.drifts[added[-1]] = moved.keyframe_drift[k]
     index = np.array(added, dtype=np.int32)
     builder.parent[index] = np.where(moved.parent >= 0, index[moved.parent], NO_LANDMARK)
     poses = builder.camera_from_world

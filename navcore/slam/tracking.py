@@ -45,6 +45,9 @@ MIN_FAR_MATCHES = 8
 """Matches by descriptor alone that must agree on one motion."""
 MIN_FRAME_MATCHES = 20
 """Fewer matches than this with the last frame mean that it was not followed."""
+MIN_AGREEING_SHARE = 0.5
+"""Share of them that must agree on one motion. In the light 80 % and more do; in the dark noise matches noise, and what
+a minority agrees on is farther from the truth than the motion model is."""
 MIN_SETTLED = 30
 """So many settled landmarks decide the pose alone."""
 AGREEING_CHI2 = 16.0
@@ -114,6 +117,11 @@ class Track:
     def inlier_count(self) -> int:
         """How many landmarks agree with the pose."""
         return int(np.count_nonzero(self.landmark_of >= 0))
+
+    @property
+    def distinct_count(self) -> int:
+        """How many of these are no edges."""
+        return self.features.count_distinct(np.flatnonzero(self.landmark_of >= 0).astype(np.int32))
 
 
 def predict_pose(last: Track, before_last: Track | None, stamp_s: float) -> FloatArray:
@@ -375,7 +383,7 @@ def _from_matches(
         found = refined(
             stamp_s, features, guess, match[chosen], points[chosen], landmarks, view.camera, settled=settled
         )
-        if found.matched_count >= max(MIN_FRAME_MATCHES // 2, len(chosen) // 5):
+        if found.matched_count >= max(MIN_FRAME_MATCHES // 2, MIN_AGREEING_SHARE * len(chosen)):
             return found
     return None
 

@@ -13,6 +13,7 @@ import json
 import sys
 from pathlib import Path
 
+from device_agent.recording.options import add_recording_options, recording_flags, recording_options
 from device_agent.scenario_options import add_scenario_options, scenario_from
 from device_agent.simulation_options import add_simulation_options, positive_number
 
@@ -34,6 +35,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.add_argument("--from", dest="start", default="Hall", metavar="PLACE", help="where the walker stands")
     parser.add_argument("--port", type=int, default=8765, help="of the console; 0 takes any free one")
     parser.add_argument("--no-console", action="store_true", help="the device alone, with the keyboard for buttons")
+    add_recording_options(parser.add_argument_group("recording"))
     headless = parser.add_argument_group("without a browser")
     headless.add_argument("--headless", action="store_true", help="walk without a browser, and print the figures")
     headless.add_argument("--to", default="Wash room", metavar="PLACE", help="destination (default: %(default)s)")
@@ -56,6 +58,7 @@ def _run(arguments: argparse.Namespace) -> int:
     from navcore.settings import Settings, parse_assignment
 
     # Before the first start's minutes of mapping.
+    record = recording_options(arguments)
     office_floor().place(arguments.start)
     scenario_from(arguments)
     Settings().changed(dict(parse_assignment(text) for text in arguments.set))
@@ -67,6 +70,7 @@ def _run(arguments: argparse.Namespace) -> int:
     simulation = [
         "--simulated", "--seed", str(arguments.seed), "--start", arguments.start,
         "--size", f"{arguments.size[0]}x{arguments.size[1]}", "--rate-hz", f"{arguments.rate_hz:g}",
+        *recording_flags(record),
     ]  # fmt: skip
     if arguments.no_console:
         return run_device_alone(arguments.data, site, simulation)

@@ -23,6 +23,7 @@ from navcore.guide import guide
 from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, remember_heard, with_memory
+from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
@@ -48,6 +49,8 @@ class Ports:
     voice: Voice
     stale_s: Callable[[], float]
     """When the watchdog last found guidance stale."""
+    scan: Scanner = scan_depth
+    """What reduces a depth image to bearings."""
 
 
 @dataclass(slots=True)
@@ -110,7 +113,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         # A way from a place that is not sure would begin anywhere.
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
+        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)

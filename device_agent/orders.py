@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from device_agent.ports import ButtonPress
 from device_agent.state import (
     BlockedPlace,
     DeviceState,
@@ -49,11 +50,12 @@ class Lead:
     poi_id: str
 
 
-Order = ConsoleMessage | PreparedMap | Lead
+Order = ConsoleMessage | PreparedMap | Lead | ButtonPress
+"""What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
 
 
-def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
+def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, now_s: float) -> Step:
     """Return the state after an order, and what is to be done."""
     match order:
         case Lead():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from device_agent.ports import CueOutput
 from device_agent.state import DeviceState, Notice
@@ -15,6 +15,16 @@ from navcore.cues.table import Cue, CueKind
 from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.types import Action, DecisionTrace, Guidance, Reason, SonarState
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceMemory:
+    """Everything that the voice remembers."""
+
+    cues: CueMemory
+    stops_heard: int
+    """How often the watchdog had spoken when the voice last asked."""
+    last_spoken: Cue | None = None
 
 
 class Voice:
@@ -29,6 +39,15 @@ class Voice:
         self._memory = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
         self.last_spoken: Cue | None = None
         """The last cue with words."""
+
+    @property
+    def memory(self) -> VoiceMemory:
+        """What has been said so far."""
+        return VoiceMemory(self._memory, self._stops_heard, self.last_spoken)
+
+    def go_on_from(self, memory: VoiceMemory) -> None:
+        """Take it that this is what has been said so far."""
+        self._memory, self._stops_heard, self.last_spoken = memory.cues, memory.stops_heard, memory.last_spoken
 
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""

@@ -13,6 +13,7 @@ from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
 from device_agent.ports import Button, ButtonPress, PressKind
+from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
 from navcore.cues.table import CueKind
 from navcore.geometry import Transform, world_from_camera_at
@@ -66,6 +67,7 @@ class Rig:
     spoil: Callable[[Frame], Frame | Exception] = lambda frame: frame
     locate_error: Exception | None = None
     quality: LocalizationQuality = LocalizationQuality.LOCALIZED
+    tap: Tap = field(default_factory=Tap)
 
     def __post_init__(self) -> None:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
@@ -73,6 +75,7 @@ class Rig:
         parts = DeviceParts(
             self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output, self.uplink,
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
+            tap=self.tap,
         )  # fmt: skip
         self.agent = DeviceAgent(
             parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)

@@ -75,6 +75,14 @@ def test_a_low_thing_is_remembered_longer_than_somebody_who_may_have_walked_on()
         assert bool(len(memory.cell)) is remembered
 
 
+def test_who_stands_before_something_low_is_not_sent_over_it_however_long_they_stand() -> None:
+    memory = walked_up((LOW_BOX,), np.arange(0.0, 1.7, 0.1))
+    now, pose = seen((LOW_BOX,), 1.9)
+    for seconds, remembered in ((60.0, True), (130.0, False)):
+        later = remember(memory, now, pose, 1.6 + seconds)
+        assert (with_memory(now, later, pose, SETTINGS).nearest_ahead_m is not None) is remembered
+
+
 def test_what_was_seen_once_only_may_be_noise() -> None:
     memory = walked_up((LOW_BOX,), [0.8])
     now, pose = seen((), 1.7)

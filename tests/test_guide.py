@@ -383,10 +383,10 @@ def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, 
 
 
 def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed():
-    """At 0.3 m/s, told to walk a moment ago: before they react they are faster, and need more room than they show."""
-    settings = SETTINGS.changed({"obstacle.clearance_m": 0.9, "obstacle.narrow_clearance_m": 0.8})
-    before, here = walking_at(0.3)
-    found = seen(here, box(2.98, -3, 3.2, 3))
+    """At 0.4 m/s, told to walk a moment ago: before they react they are faster, and need more room than they show."""
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    before, here = walking_at(0.4)
+    found = seen(here, box(3.06, -3, 3.2, 3))
     assert decide(here, found, before, settings=settings).action is not Action.WALK
     told_to_stand = replace(before, action=Action.STOP, direction=None, reason=Reason.PAUSED)
     assert decide(here, found, told_to_stand, settings=settings).action is Action.WALK

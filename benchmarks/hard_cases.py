@@ -172,7 +172,7 @@ def walked(site: Site, name: str, policy: str, seed: int) -> Outcome:
         for actor in actors:
             actor.watch(body.time_s, body.x_m, body.y_m)
         scene.meanwhile(moment)
-        moments.append(Sample(moment.cycle, np.array([body.x_m, body.y_m]), state.mode, state.route))
+        moments.append(Sample(moment.cycle, np.array([body.x_m, body.y_m]), state.purpose, state.route))
         bodies[:] = [body]
 
     result = run_walk(

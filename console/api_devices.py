@@ -46,6 +46,10 @@ def _add_command_routes(app: FastAPI, services: Services) -> None:
     def resume(visitor: Visitor, device_id: str) -> Response:
         return asked(hub.resume(device_id, visitor.user_name))
 
+    @app.post("/api/devices/{device_id}/repeat")
+    def repeat(visitor: Visitor, device_id: str) -> Response:
+        return asked(hub.repeat(device_id, visitor.user_name))
+
     @app.post("/api/devices/{device_id}/say")
     def say(visitor: Visitor, device_id: str, body: SayBody) -> Response:
         text = " ".join(body.text.split())

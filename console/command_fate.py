@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from console.live import Command
+from navcore.modes import Mode
 from navcore.wire import DeviceMessage, Event, RouteChanged, SettingsRunning, WalkerState
 
 _OPPOSITES = {"set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause"}
@@ -19,14 +20,18 @@ def judge(command: Command, message: DeviceMessage) -> Command:
     if isinstance(message, RouteChanged):
         return _judge_route(command, message)
     done = (isinstance(message, WalkerState) and _shown_by(command, message)) or (
-        isinstance(message, Event) and command.kind == "say" and command.detail in message.text
+        isinstance(message, Event) and _told_by(command, message)
     )
     return replace(command, state="running") if done else command
 
 
 def superseded(command: Command, by: Command) -> Command:
     """Return a command that still waits, given a later one of the same matter: it will not be answered any more."""
-    if command.state == "sent" and command.kind != "say" and by.kind in (command.kind, _OPPOSITES.get(command.kind)):
+    if (
+        command.state == "sent"
+        and command.kind not in ("say", "repeat")
+        and by.kind in (command.kind, _OPPOSITES.get(command.kind))
+    ):
         return replace(command, state="unanswered")
     return command
 
@@ -49,6 +54,13 @@ def _judge_route(command: Command, message: RouteChanged) -> Command:
     return replace(command, state="running") if message.destination_id == command.detail else command
 
 
+def _told_by(command: Command, event: Event) -> bool:
+    if command.kind == "say":
+        return command.detail in event.text
+    # Which sentence is said again, only the device knows.
+    return command.kind == "repeat" and event.kind == "cue"
+
+
 def _shown_by(command: Command, state: WalkerState) -> bool:
     match command.kind:
         case "set_destination":
@@ -56,9 +68,9 @@ def _shown_by(command: Command, state: WalkerState) -> bool:
         case "clear":
             return state.destination_id is None
         case "pause":
-            return state.mode == "paused"
+            return state.mode is Mode.PAUSED
         case "resume":
-            return state.mode != "paused"
+            return state.mode is not Mode.PAUSED
         case "say":
             return state.last_cue == command.detail
         case _:

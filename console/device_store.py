@@ -18,7 +18,7 @@ from navcore.settings import SettingValue
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
-EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
 

@@ -33,6 +33,7 @@ from navcore.wire import (
     Pause,
     Pong,
     PublishGraph,
+    Repeat,
     Resume,
     RouteChanged,
     Say,
@@ -197,6 +198,10 @@ class DeviceHub:
     def resume(self, device_id: str, who: str) -> Command:
         """Go on after a pause."""
         return self._command(device_id, "resume", "", who, Resume())
+
+    def repeat(self, device_id: str, who: str) -> Command:
+        """Have the device say its last sentence again."""
+        return self._command(device_id, "repeat", "", who, Repeat())
 
     def say(self, device_id: str, text: str, who: str) -> Command:
         """Speak a sentence to the walker."""

@@ -16,7 +16,7 @@ EVENTS_KEPT_COUNT = 200
 COMMANDS_KEPT_COUNT = 30
 
 
-CommandKind = Literal["set_destination", "clear", "pause", "resume", "say", "apply_settings"]
+CommandKind = Literal["set_destination", "clear", "pause", "resume", "repeat", "say", "apply_settings"]
 
 
 class Freshness(enum.Enum):

@@ -53,6 +53,7 @@ def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     view = {name: getattr(state, name) for name in _STATE_FIELDS}
     cue_stamp_s = state.last_cue_stamp_s
     view["reason"] = reason_sentence(state.reason)
+    view["mode_label"], view["mode_sentence"] = state.mode.label, state.mode.sentence
     view["last_cue_age_s"] = device.age_of(cue_stamp_s, now_s) if cue_stamp_s is not None else None
     return view
 

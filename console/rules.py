@@ -67,6 +67,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/devices/{device_id}/clear"): EDITORS,
     ("POST", "/api/devices/{device_id}/pause"): EDITORS,
     ("POST", "/api/devices/{device_id}/resume"): EDITORS,
+    ("POST", "/api/devices/{device_id}/repeat"): EVERYBODY,
     ("POST", "/api/devices/{device_id}/say"): EVERYBODY,
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,

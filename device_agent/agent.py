@@ -19,8 +19,20 @@ from device_agent.adapters.fakes import NoButtons
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.loop import Ports, run_stages
+from device_agent.menu import pressed
 from device_agent.orders import Order, at_rest, carry_out
-from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, LocalizerPort, Sonar, Uplink
+from device_agent.ports import (
+    ButtonPress,
+    Buttons,
+    Clock,
+    CueOutput,
+    DepthCamera,
+    DisplayOutput,
+    LocalizerPort,
+    Sonar,
+    Uplink,
+)
+from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
 from device_agent.state import (
     DeviceState,
@@ -28,14 +40,15 @@ from device_agent.state import (
     Happened,
     Notice,
     PreparedMap,
+    SayAgain,
     StoreGraph,
     StoreSettings,
     SwapMap,
 )
-from device_agent.voice import Voice
+from device_agent.voice import Voice, VoiceMemory
 from device_agent.watchdog import Heartbeat, Watchdog
 from navcore.cues.table import Cue
-from navcore.errors import SiteError, VbrError
+from navcore.errors import SensorError, SiteError, VbrError
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
@@ -69,13 +82,20 @@ class DeviceParts:
     """The displays of the glasses, where there are any."""
     buttons: Buttons = field(default_factory=NoButtons)
     """What the walker can press."""
+    tap: Tap = field(default_factory=Tap)
+    """Who listens in on the loop: a recorder, or nobody."""
 
 
 class DeviceAgent:
     """Runs the loop over its parts; everything that it remembers is one frozen :class:`DeviceState`."""
 
-    def __init__(self, parts: DeviceParts, state: DeviceState, localizer: LocalizerPort) -> None:
-        self._parts = parts
+    def __init__(
+        self, parts: DeviceParts, state: DeviceState, localizer: LocalizerPort, voice: VoiceMemory | None = None
+    ) -> None:
+        """``state`` and ``voice`` are what is remembered: of nothing at a start, of an earlier moment in a replay."""
+        self._tap = parts.tap
+        self._parts = parts = replace(parts, uplink=self._tap.uplink(parts.uplink))
+        self._clock = self._tap.clock(parts.clock)
         self.state = state
         """Replaced as a whole, between two stages: any thread may read it."""
         self._localizer = localizer
@@ -83,20 +103,25 @@ class DeviceAgent:
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
+        self._buttons_gone = False
         self._version = metadata.version("virtual-blind-road")
         self.watchdog = Watchdog(
             parts.clock,
-            parts.output,
+            self._tap.watchdog_output(parts.output),
             lambda stamp_s, text: parts.uplink.event(stamp_s, "watchdog", text),
             lambda: self.state.settings.cues.language,
         )
-        self._voice = Voice(parts.output, lambda: self.watchdog.stop_count)
+        stop_count = self._tap.stop_count(lambda: self.watchdog.stop_count)
+        self._voice = Voice(self._tap.voice_output(parts.output), stop_count)
+        if voice is not None:
+            self._voice.go_on_from(voice)
         self.screen = (
             None
             if parts.display is None
             else Screen(parts.display, parts.clock, state.settings, lambda: self.watchdog.alarmed)
         )
         """What the walker sees, where there is a display."""
+        self._tap.begin(self.state, self._voice.memory, parts.camera.intrinsics)
 
     # ------------------------------------------------------------------------------------------------- orders
     def submit(self, order: Order) -> None:
@@ -145,18 +170,19 @@ class DeviceAgent:
             self.watchdog.stop()
             if self.screen is not None:
                 self.screen.stop()
-            if self.state.mode == "guiding":
+            if self.state.on_the_way:
                 # Whoever still walks hears that nobody leads them any more.
                 self.watchdog.fault("The loop has ended.")
 
     def run_cycle(self) -> Cycle:
         """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
+        self._tap.cycle_begins()
         self._guarded("taking orders", self._take_orders)
         parts = self._parts
         ports = Ports(
-            parts.clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s
+            self._clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s
         )  # fmt: skip
-        self.state, cycle, effects = run_stages(self.state, ports)
+        self.state, cycle, effects = run_stages(self.state, self._tap.ports(ports))
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
         else:
@@ -169,6 +195,7 @@ class DeviceAgent:
         except Exception:
             # What the console shows is nothing that the walker's guidance may hang on.
             _log.exception("a cycle could not be reported")
+        self._tap.cycle_ended(self.state, self._voice.memory, cycle)
         return cycle
 
     def _guarded(self, what: str, work: Callable[[], None]) -> None:
@@ -177,14 +204,14 @@ class DeviceAgent:
             work()
         except Exception as error:
             _log.exception("%s failed", what)
-            self.state = replace(self.state, failed_s=self._parts.clock.now_s())
+            self.state = replace(self.state, failed_s=self._clock.now_s())
             self.watchdog.fault(f"{what} failed: {type(error).__name__}: {error}"[:500])
 
     def _heartbeat(self, cycle: Cycle) -> Heartbeat:
         """A stop is right however old its picture is, and has been heard; only a loop that is gone is told of then."""
-        leading = self.state.mode == "guiding"
+        leading = self.state.on_the_way
         if cycle.guidance.action is Action.STOP:
-            return Heartbeat(self._parts.clock.now_s(), leading, _STANDING_TIMEOUT_S)
+            return Heartbeat(self._clock.now_s(), leading, _STANDING_TIMEOUT_S)
         return Heartbeat(cycle.stamp_s, leading, self.state.settings.watchdog.guidance_timeout_s)
 
     def _take_orders(self) -> None:
@@ -193,10 +220,31 @@ class DeviceAgent:
                 order = self._orders.get_nowait()
             except queue.Empty:
                 break
-            self.state, effects = carry_out(self.state, order, self._parts.clock.now_s())
-            self._do_all(effects)
+            self._carry_out(order)
+        for press in self._presses():
+            self._carry_out(press)
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
+
+    def _carry_out(self, order: Order) -> None:
+        self._tap.order(order)
+        now_s = self._clock.now_s()
+        if isinstance(order, ButtonPress):
+            self.state, effects = pressed(self.state, order, now_s)
+        else:
+            self.state, effects = carry_out(self.state, order, now_s)
+        self._do_all(effects)
+
+    def _presses(self) -> tuple[ButtonPress, ...]:
+        try:
+            presses = self._parts.buttons.pressed()
+        except SensorError as error:
+            if not self._buttons_gone:
+                self._parts.uplink.event(self._parts.clock.now_s(), "sensor", str(error)[:500])
+            self._buttons_gone = True
+            return ()
+        self._buttons_gone = False
+        return presses
 
     # ----------------------------------------------------------------------------------------------- effects
     def _do_all(self, effects: tuple[Effect, ...]) -> None:
@@ -204,10 +252,12 @@ class DeviceAgent:
             self._do(effect)
 
     def _do(self, effect: Effect) -> None:
-        now_s = self._parts.clock.now_s()
+        now_s = self._clock.now_s()
         match effect:
             case Notice():
-                self._report_cues(self._voice.say(effect.text, self.state.settings, now_s))
+                self._report_cues(self._voice.say(effect, self.state.settings, now_s))
+            case SayAgain():
+                self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
             case Happened():
                 self._parts.uplink.event(now_s, effect.kind, effect.text)
             case SwapMap():
@@ -231,7 +281,7 @@ class DeviceAgent:
         except (OSError, SiteError) as error:
             text = f"What runs now could not be kept for the next start ({error}): free the disk."
             _log.warning("%s", text)
-            self._parts.uplink.event(self._parts.clock.now_s(), "mode", text)
+            self._parts.uplink.event(self._clock.now_s(), "mode", text)
 
     def _report(self, cycle: Cycle) -> None:
         """Leave with the uplink what the console shows, and what must not be lost."""

@@ -14,6 +14,7 @@ _MODULES = (
     "device_agent.device_command",
     "device_agent.map_commands",
     "device_agent.simulation_commands",
+    "device_agent.walks_command",
     "device_agent.maintenance_commands",
     "device_agent.demo",
     "device_agent.experiments_command",

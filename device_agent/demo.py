@@ -1,8 +1,9 @@
 """``vbr demo``: the whole product in a simulated building, from one command.
 
 The first start records the simulated sighted person's walk and builds the map from it; both are kept. Then the console
-and the device run as two processes that share nothing but the link; or, with ``--headless``, the walker walks without
-a browser, in lock step with the simulation, and the figures are printed.
+and the device run as two processes that share nothing but the link, and the keys of the terminal are the walker's
+buttons; with ``--no-console`` the device runs alone. Or, with ``--headless``, the walker walks without a browser, in
+lock step with the simulation, and the figures are printed.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import json
 import sys
 from pathlib import Path
 
+from device_agent.recording.options import add_recording_options, recording_flags, recording_options
 from device_agent.scenario_options import add_scenario_options, scenario_from
 from device_agent.simulation_options import add_simulation_options, positive_number
 
@@ -32,6 +34,8 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     add_simulation_options(parser, seed=1)
     parser.add_argument("--from", dest="start", default="Hall", metavar="PLACE", help="where the walker stands")
     parser.add_argument("--port", type=int, default=8765, help="of the console; 0 takes any free one")
+    parser.add_argument("--no-console", action="store_true", help="the device alone, with the keyboard for buttons")
+    add_recording_options(parser.add_argument_group("recording"))
     headless = parser.add_argument_group("without a browser")
     headless.add_argument("--headless", action="store_true", help="walk without a browser, and print the figures")
     headless.add_argument("--to", default="Wash room", metavar="PLACE", help="destination (default: %(default)s)")
@@ -54,17 +58,23 @@ def _run(arguments: argparse.Namespace) -> int:
     from navcore.settings import Settings, parse_assignment
 
     # Before the first start's minutes of mapping.
+    record = recording_options(arguments)
     office_floor().place(arguments.start)
     scenario_from(arguments)
     Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     site = prepare_demo_site(arguments.data, arguments.size, arguments.rate_hz, fresh=arguments.fresh)
     if arguments.headless:
         return _walk(arguments, site)
-    from device_agent.demo_processes import run_live_demo
+    from device_agent.demo_processes import run_device_alone, run_live_demo
 
-    return run_live_demo(
-        arguments.data, site, arguments.port, arguments.seed, arguments.start, arguments.size, arguments.rate_hz
-    )
+    simulation = [
+        "--simulated", "--seed", str(arguments.seed), "--start", arguments.start,
+        "--size", f"{arguments.size[0]}x{arguments.size[1]}", "--rate-hz", f"{arguments.rate_hz:g}",
+        *recording_flags(record),
+    ]  # fmt: skip
+    if arguments.no_console:
+        return run_device_alone(arguments.data, site, simulation)
+    return run_live_demo(arguments.data, site, arguments.port, simulation)
 
 
 def _walk(arguments: argparse.Namespace, site: Path) -> int:

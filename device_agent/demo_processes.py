@@ -7,6 +7,7 @@ import shutil
 import signal
 import subprocess
 import sys
+import termios
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -14,6 +15,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from urllib.parse import urlsplit
 
+from device_agent.adapters.keyboard_buttons import HELP
 from navcore.errors import VbrError
 from navcore.site import load_poi_graph, map_checksum
 
@@ -24,19 +26,31 @@ CONSOLE_MUST_LAST_S = 10.0
 _POLL_S = 0.1
 
 
-def run_live_demo(
-    data: Path, site: Path, port: int, seed: int, start: str, size_px: tuple[int, int], rate_hz: float
-) -> int:
+def run_device_alone(data: Path, site: Path, simulation: Sequence[str]) -> int:
+    """Run the device without a console until Ctrl-C, or until it ends by itself. Returns the exit code.
+
+    ``simulation`` is what ``vbr device`` is told of the simulated building.
+    """
+    stop = _stopped_by_signals()
+    with ExitStack() as stack:
+        device = stack.enter_context(_device(_device_command(data, site, simulation)))
+        sys.stdout.write("\n".join(["", *_how_to_steer(), "  Ctrl-C ends the demo.", ""]) + "\n")
+        sys.stdout.flush()
+        while not stop.wait(_POLL_S):
+            if (code := device.poll()) is not None:
+                return code
+    return 0
+
+
+def run_live_demo(data: Path, site: Path, port: int, simulation: Sequence[str]) -> int:
     """Run console and device until Ctrl-C, or until the device ends by itself. Returns the exit code.
 
-    A console that ends is started again: the walker goes on meanwhile, and the device joins it again.
+    A console that ends is started again: the walker goes on meanwhile, and the device joins it again. ``simulation`` is
+    what ``vbr device`` is told of the simulated building.
     """
-    stop = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
+    stop = _stopped_by_signals()
     ready_file, token_file = data / "ready.json", data / "glasses.token"
     ready_file.unlink(missing_ok=True)
-    device_site = _device_copy(site, data / "device" / "site")
 
     def console_command(port: int) -> list[str]:
         return [
@@ -50,16 +64,49 @@ def run_live_demo(
         if ready is None:
             return console.wait(STOP_TIMEOUT_S) if console.poll() is not None else 0
         url = str(ready["url"])
-        device_command = [
-            "device", "--site", str(device_site), "--state", str(data / "device" / "state"),
-            "--console", url.replace("http", "ws", 1), "--token-file", str(token_file),
-            "--simulated", "--seed", str(seed), "--start", start,
-            "--size", f"{size_px[0]}x{size_px[1]}", "--rate-hz", f"{rate_hz:g}",
-        ]  # fmt: skip
-        device = stack.enter_context(_process(device_command))
+        link = ["--console", url.replace("http", "ws", 1), "--token-file", str(token_file)]
+        device = stack.enter_context(_device(_device_command(data, site, [*simulation, *link])))
         _greet(ready, site)
         again = console_command(urlsplit(url).port or port)
         return _watch(device, console, lambda: stack.enter_context(_process(again, quiet=True)), stop)
+
+
+def _stopped_by_signals() -> threading.Event:
+    stop = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stop.set())
+    return stop
+
+
+def _device_command(data: Path, site: Path, options: Sequence[str]) -> list[str]:
+    device_site = _device_copy(site, data / "device" / "site")
+    return ["device", "--site", str(device_site), "--state", str(data / "device" / "state"), *options]
+
+
+@contextmanager
+def _device(command: Sequence[str]) -> Iterator[subprocess.Popen[bytes]]:
+    """Run the device; where this is a terminal, its keys are the walker's buttons, and it is put back afterwards."""
+    if not _has_keys():
+        with _process(command) as process:
+            yield process
+        return
+    before = termios.tcgetattr(sys.stdin)
+    try:
+        with _process([*command, "--buttons", "keyboard"], stdin=None) as process:
+            yield process
+    finally:
+        # A device that was killed could not do this.
+        termios.tcsetattr(sys.stdin, termios.TCSANOW, before)
+
+
+def _has_keys() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty()
+
+
+def _how_to_steer() -> list[str]:
+    if not _has_keys():
+        return ["  No keys: standard input is no terminal."]
+    return [HELP]
 
 
 def _device_copy(site: Path, folder: Path) -> Path:
@@ -73,11 +120,13 @@ def _device_copy(site: Path, folder: Path) -> Path:
 
 
 @contextmanager
-def _process(command: Sequence[str], quiet: bool = False) -> Iterator[subprocess.Popen[bytes]]:
-    """Run ``vbr COMMAND`` in a process of its own, and end it with the block."""
+def _process(
+    command: Sequence[str], quiet: bool = False, stdin: int | None = subprocess.DEVNULL
+) -> Iterator[subprocess.Popen[bytes]]:
+    """Run ``vbr COMMAND`` in a process of its own, and end it with the block; ``stdin`` None shares the terminal."""
     process = subprocess.Popen(
         [sys.executable, "-m", "device_agent", *command],
-        stdin=subprocess.DEVNULL,
+        stdin=stdin,
         stdout=subprocess.DEVNULL if quiet else None,
         # Ctrl-C reaches this process alone: it ends the others, in order.
         start_new_session=True,
@@ -119,6 +168,7 @@ def _greet(ready: dict[str, str | int | None], site: Path) -> None:
         else "  Sign in with the account that you made.",
         "",
         f"  Then pick a destination ({places}) and watch the walker.",
+        *_how_to_steer(),
         "  What the walker hears is printed below. Ctrl-C ends the demo.",
         "",
     ]

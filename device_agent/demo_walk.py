@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from device_agent.recording.options import recording_options
 from device_agent.scenario_options import scenario_from
 from navcore.settings import Settings, parse_assignment
 from navcore.site import load_site
@@ -18,6 +19,7 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
     from device_agent.adapters.displays import PngDisplay
     from device_agent.adapters.wav_file import WavFileOutput
     from device_agent.places import find_place
+    from device_agent.recording.recorder import WalkRecorder
     from device_agent.simulation.office_floor import office_floor
     from device_agent.speech import Speech
     from device_agent.walk import run_walk
@@ -32,6 +34,10 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
         for each in (output, display):
             if each is not None:
                 stack.callback(each.close)
+        record = recording_options(arguments)
+        tap = None if record is None else WalkRecorder(record)
+        if tap is not None:
+            stack.callback(tap.close)
         result = run_walk(
             site,
             office_floor(),
@@ -45,6 +51,7 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
             output=output,
             display=display,
             scenario=scenario_from(arguments),
+            tap=tap,
         )
     return {
         "arrived": result.arrived,

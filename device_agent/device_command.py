@@ -12,6 +12,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from device_agent.device_options import DeviceOptions
+from device_agent.recording.options import add_recording_options, recording_options
 from device_agent.sensor_names import named, names_of
 from device_agent.simulation_options import add_simulation_options
 from navcore.errors import InputError
@@ -52,6 +53,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sight = parser.add_argument_group("sight")
     sight.add_argument("--display", metavar="NAME", help=f"the glasses' displays: {names_of('display')}")
     sight.add_argument("--overlay", type=Path, metavar="DIR", help="write what both eyes see as PNG pictures")
+    add_recording_options(parser.add_argument_group("recording"))
     parser.set_defaults(run=_run)
 
 
@@ -153,4 +155,5 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         sound=arguments.sound,
         print_cues=not arguments.quiet,
         overlay=arguments.overlay,
+        record=recording_options(arguments, arguments.device_id),
     )

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from device_agent.recording.options import RecordingOptions
 from device_agent.sensor_names import SensorName
 from navcore.settings import SettingValue
 
@@ -49,6 +50,8 @@ class DeviceOptions:
     print_cues: bool = True
     overlay: Path | None = None
     """Folder for the pictures of the see-through overlay."""
+    record: RecordingOptions | None = None
+    """What is recorded of the walk; nothing where it is None."""
 
     @property
     def simulated(self) -> bool:

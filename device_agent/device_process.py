@@ -17,18 +17,21 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import make_localizer
 from device_agent.map_download import staging_folder
+from device_agent.orders import Lead
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
+from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
 from navcore.errors import SensorError, VbrError
+from navcore.modes import Mode
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
 from navcore.site import map_checksum
-from navcore.wire import SetDestination
+from navcore.types import Frame
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
@@ -52,30 +55,48 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         localizer = make_localizer(site, hardware.camera.intrinsics, settings)
         uplink = _uplink(options, store, real, stack)
         state = DeviceState(
-            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision
+            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
+            promised_ready=True,
         )  # fmt: skip
+        tap = _tap(options, stack)
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap,
         )  # fmt: skip
-        _rehearse(hardware, localizer, settings)
+        rehearsed = _rehearse(hardware, localizer, settings)
+        if rehearsed is not None:
+            tap.rehearsed(rehearsed)
         agent = DeviceAgent(parts, state, localizer)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
             uplink.start(agent)
         if goal is not None:
-            agent.submit(SetDestination(goal.id))
+            agent.submit(Lead(goal.id))
         ends_itself = goal is not None and options.console_url is None
         agent.run(stopped, until_over=ends_itself)
-        return 0 if not ends_itself or agent.state.mode == "arrived" or stopped.is_set() else 1
+        return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
 
 
-def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> None:
-    """Work on one picture before anybody is led: the first one takes longer than the watchdog allows."""
+def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> Frame | None:
+    """Work on one picture before anybody is led: the first one takes longer than the watchdog allows. Return it."""
     with contextlib.suppress(SensorError):
         frame = hardware.camera.read()
         located = localizer.locate(frame)
         scan(frame.depth_m, hardware.camera.intrinsics, located.world_from_camera, settings.obstacle)
+        return frame
+    return None
+
+
+def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:
+    """Return what listens in on the loop: a recorder that writes beside it, where one is wanted."""
+    if options.record is None:
+        return Tap()
+    from device_agent.recording.recorder import WalkRecorder
+
+    recorder = WalkRecorder(options.record)
+    stack.callback(recorder.close)
+    recorder.start()
+    return recorder
 
 
 def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: ExitStack) -> Uplink:

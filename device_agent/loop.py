@@ -10,17 +10,20 @@ from dataclasses import dataclass, field, replace
 
 from device_agent.cycle import Cycle
 from device_agent.motion import extended_trail
-from device_agent.orders import mode_event
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, Effect, Happened
+from device_agent.states import StateEvent, may_be_told
+from device_agent.transitions import happen, mode_event
 from device_agent.voice import Voice
 from device_agent.watchdog import is_fresh
 from device_agent.way import plan_if_needed
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
 from navcore.guide import guide
+from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, remember_heard, with_memory
+from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.types import (
     Action,
@@ -46,6 +49,8 @@ class Ports:
     voice: Voice
     stale_s: Callable[[], float]
     """When the watchdog last found guidance stale."""
+    scan: Scanner = scan_depth
+    """What reduces a depth image to bearings."""
 
 
 @dataclass(slots=True)
@@ -78,6 +83,8 @@ def run_stages(state: DeviceState, ports: Ports) -> Outcome:
     try:
         with times.stage("capture"):
             frame = ports.camera.read()
+        if state.mode is Mode.OFF_DUTY:
+            return _resting(state, ports, frame, times)
         return _from_frame(state, ports, frame, times)
     except SensorError as error:
         why = str(error)
@@ -97,24 +104,30 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     with times.stage("localize"):
         located = ports.localizer.locate(frame)
         pose = located.pose
-    state = replace(state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose))
+    sure = located.quality is LocalizationQuality.LOCALIZED
+    state = replace(
+        state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose), located=located,
+        sure=(frame.stamp_s, pose) if sure and pose is not None else state.sure,
+    )  # fmt: skip
     with times.stage("plan"):
         # A way from a place that is not sure would begin anywhere.
-        sure = located.quality is LocalizationQuality.LOCALIZED
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        scan = scan_depth(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
+        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
     with times.stage("guide"):
-        guidance = _decide(state, frame.stamp_s, located, scan, sonar)
-        state, guidance = _fresh_or_stop(state, guidance, ports.clock.now_s(), ports.stale_s())
+        decided = _decide(state, frame.stamp_s, located, scan, sonar)
+        now_s, stale_s = ports.clock.now_s(), ports.stale_s()
+        state, guidance = _fresh_or_stop(state, decided, now_s, stale_s)
+        state, found = _found(state, decided, located, now_s, now_s - max(state.failed_s, stale_s))
+        guidance = _as_allowed(state, guidance)
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
-    state, arrived = _after(replace(state, guidance=guidance))
+    state, arrived = _after(replace(state, guidance=guidance), now_s)
     cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
-    return state, cycle, (*effects, *planned, *arrived)
+    return state, cycle, (*effects, *planned, *found, *arrived)
 
 
 def _with_what_was_seen(
@@ -163,9 +176,9 @@ def _decide(
     route = state.route if state.leading else None
     guidance = guide(
         stamp_s, located, route, scan, sonar, state.guidance, state.settings,
-        paused=state.mode == "paused", wanted=state.mode == "guiding", route_version=state.route_version,
+        paused=state.purpose is Mode.PAUSED, wanted=state.on_the_way, route_version=state.route_version,
     )  # fmt: skip
-    if state.mode == "arrived" and guidance.reason is Reason.NO_ROUTE:
+    if state.purpose is Mode.ARRIVED and guidance.reason is Reason.NO_ROUTE:
         return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
     return guidance
 
@@ -190,25 +203,63 @@ def _fresh_or_stop(
 
 
 def _stopped(guidance: Guidance, rule: str) -> Guidance:
+    return _stop_instead(guidance, Reason.SENSOR_STALE, rule)
+
+
+def _stop_instead(guidance: Guidance, reason: Reason, rule: str) -> Guidance:
     trace = replace(guidance.trace, rule=rule)
-    return replace(guidance, action=Action.STOP, direction=None, reason=Reason.SENSOR_STALE, trace=trace)
+    return replace(guidance, action=Action.STOP, direction=None, reason=reason, trace=trace)
 
 
-def _after(state: DeviceState) -> tuple[DeviceState, tuple[Effect, ...]]:
-    if state.mode != "guiding" or state.guidance is None or state.guidance.reason is not Reason.ARRIVED:
+def _found(
+    state: DeviceState, decided: Guidance, located: Localization, now_s: float, fresh_for_s: float
+) -> tuple[DeviceState, tuple[Effect, ...]]:
+    """Hand what this cycle has found to the state machine: whether all works, and whether the place is known."""
+    works = fresh_for_s >= SETTLED_AFTER_S
+    state, effects = happen(state, StateEvent.RECOVERED if works else StateEvent.FAILED, now_s)
+    if state.on_the_way:
+        # Guidance carries an uncertain pose on for a while, and waits until a lost one is certain again.
+        known = decided.reason is not Reason.POSE_LOST
+    elif located.quality is LocalizationQuality.UNCERTAIN:
+        return state, effects
+    else:
+        known = located.quality is LocalizationQuality.LOCALIZED
+    state, also = happen(state, StateEvent.POSE_FOUND if known else StateEvent.POSE_LOST, now_s)
+    return state, (*effects, *also)
+
+
+def _as_allowed(state: DeviceState, guidance: Guidance) -> Guidance:
+    """The state machine has the last word. Whatever it does not allow would be a fault of this program."""
+    if may_be_told(state.mode, guidance.action):
+        return guidance
+    rule = f"{guidance.action.value} is not told in the state {state.mode.value}"
+    return _stop_instead(guidance, Reason.OK, rule)
+
+
+def _after(state: DeviceState, now_s: float) -> tuple[DeviceState, tuple[Effect, ...]]:
+    if not state.on_the_way or state.guidance is None or state.guidance.reason is not Reason.ARRIVED:
         return state, ()
-    state = replace(state, mode="arrived", route=None, wanted_id=None, off_route_since_s=None)
-    return state, (Happened("arrived", mode_event(state).text), mode_event(state))
+    state, effects = happen(state, StateEvent.ARRIVED, now_s)
+    return state, (Happened("arrived", mode_event(state).text), *effects)
+
+
+def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) -> Outcome:
+    """Off duty nobody is located, and no picture leaves the device; the camera is only kept awake."""
+    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "off duty")
+    cues = ports.voice.tell(state, guidance, ports.clock.now_s())
+    state = replace(state, guidance=guidance, blind=False)
+    return state, Cycle(frame.stamp_s, guidance, cues=cues, stage_ms=times.stage_ms), ()
 
 
 def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Outcome:
     """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
     now_s = ports.clock.now_s()
     guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
+    told = () if state.blind else (Happened("sensor", why[:500]),)
+    state, effects = happen(state, StateEvent.FAILED, now_s)
     cues = ports.voice.tell(state, guidance, now_s)
-    effects = () if state.blind else (Happened("sensor", why[:500]),)
-    state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=())
-    return state, Cycle(now_s, guidance, cues=cues, stage_ms=times.stage_ms), effects
+    state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=(), located=None)
+    return state, Cycle(now_s, guidance, cues=cues, stage_ms=times.stage_ms), (*told, *effects)
 
 
 def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: StageTimes, error: Exception) -> Outcome:
@@ -216,8 +267,9 @@ def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: Stage
     now_s = ports.clock.now_s()
     fault = f"{times.current} failed: {type(error).__name__}: {error}"[:500]
     guidance = _stop(state, now_s, _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE), fault)
-    state = replace(state, guidance=guidance, failed_s=now_s, trail=())
-    return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), ()
+    state, effects = happen(state, StateEvent.FAILED, now_s)
+    state = replace(state, guidance=guidance, failed_s=now_s, trail=(), located=None)
+    return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), effects
 
 
 _FAULT_REASONS = {"localize": Reason.POSE_LOST, "scan": Reason.DEPTH_INVALID}

@@ -1,4 +1,4 @@
-"""``vbr settings``, ``vbr cues``, ``vbr link`` and ``vbr warm-up``."""
+"""``vbr settings``, ``vbr cues``, ``vbr link``, ``vbr states`` and ``vbr warm-up``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add ``vbr settings``, ``vbr cues`` and ``vbr warm-up``."""
+    """Add ``vbr settings``, ``vbr cues``, ``vbr link``, ``vbr states`` and ``vbr warm-up``."""
     settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
     settings.add_argument("--json", action="store_true", help="as JSON")
     settings.add_argument("--markdown", action="store_true", help="as the page of the docs")
@@ -20,6 +20,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     link = subparsers.add_parser("link", help="list every message between device and console, and how it is sent")
     link.add_argument("--markdown", action="store_true", help="as the page of the docs")
     link.set_defaults(run=_list_messages)
+    states = subparsers.add_parser("states", help="list the states of the device, and what the buttons mean in each")
+    states.add_argument("--markdown", action="store_true", help="as the page of the docs")
+    states.set_defaults(run=_list_states)
     warm = subparsers.add_parser("warm-up", help="compile everything now, so that nobody waits for it while walking")
     warm.set_defaults(run=_warm_up)
 
@@ -85,6 +88,31 @@ def _print_messages() -> None:
             row.name, row.direction.value, row.when + rate, str(row.priority), row.delivery.name.lower(),
             f"{row.max_bytes >> 10} KiB", row.meaning,
         )  # fmt: skip
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def _list_states(arguments: argparse.Namespace) -> int:
+    if arguments.markdown:
+        from device_agent.states_page import states_markdown
+
+        sys.stdout.write(states_markdown())
+    else:
+        _print_states()
+    return 0
+
+
+def _print_states() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from device_agent.states import STATES
+    from navcore.modes import Mode
+
+    table = Table("state", "at the console", "what it means", "may be told", "what leads out of it")
+    for mode in Mode:
+        told = ", ".join(sorted(action.value for action in STATES[mode].allows))
+        out = [f"{event.value} → {answer.to.value}" for event, answer in STATES[mode].answers.items() if answer.to]
+        table.add_row(mode.value, mode.label, mode.sentence, told, "; ".join(out))
     Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 

@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import msgspec
 
+from device_agent.ports import ButtonPress
 from device_agent.state import (
     BlockedPlace,
     DeviceState,
     Effect,
     Happened,
-    Mode,
     Notice,
     PreparedMap,
     Step,
@@ -20,8 +20,11 @@ from device_agent.state import (
     StoreSettings,
     SwapMap,
 )
+from device_agent.states import StateEvent
+from device_agent.transitions import By, happen
 from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
+from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
@@ -32,28 +35,41 @@ from navcore.wire import (
     MapRunning,
     Pause,
     PublishGraph,
+    Repeat,
     Resume,
-    RouteChanged,
     Say,
     SetDestination,
     SettingsRunning,
 )
 
-Order = ConsoleMessage | PreparedMap
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """Lead to a PoI, as the device was told when it was started."""
+
+    poi_id: str
+
+
+Order = ConsoleMessage | PreparedMap | Lead | ButtonPress
+"""What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
 
 
-def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
+def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, now_s: float) -> Step:
     """Return the state after an order, and what is to be done."""
     match order:
+        case Lead():
+            return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id)
         case SetDestination():
-            return _set_destination(state, order.poi_id)
+            return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id, by=By.CONSOLE)
         case ClearDestination():
-            return _clear(state, now_s)
+            return happen(state, StateEvent.STOP, now_s, by=By.CONSOLE)
         case Pause():
-            return _switched(state, "guiding", "paused")
+            return happen(state, StateEvent.PAUSE, now_s, by=By.CONSOLE)
         case Resume():
-            return _resume(state)
+            return happen(state, StateEvent.RESUME, now_s, by=By.CONSOLE)
+        case Repeat():
+            return happen(state, StateEvent.REPEAT, now_s, by=By.CONSOLE)
         case Say():
             return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
         case ApplySettings():
@@ -68,8 +84,8 @@ def carry_out(state: DeviceState, order: Order, now_s: float) -> Step:
 
 
 def at_rest(state: DeviceState) -> Step:
-    """Take what waited for a stop: the map first, then the PoI-graph. Nothing happens while somebody is being led."""
-    if state.leading:
+    """Take what waited for a stop: the map first, then the PoI-graph. Nothing while somebody is led, or maps."""
+    if state.leading or state.purpose is Mode.MAPPING:
         return state, ()
     effects: list[Effect] = []
     if state.waiting_map is not None:
@@ -79,6 +95,7 @@ def at_rest(state: DeviceState) -> Step:
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
             obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(),
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
+            located=None, sure=None,
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
     if state.waiting_graph is not None:
@@ -86,57 +103,6 @@ def at_rest(state: DeviceState) -> Step:
         state = replace(state, waiting_graph=None, graph=graph, blocked=())
         effects += [StoreGraph(graph), GraphRunning(graph.version)]
     return state, tuple(effects)
-
-
-def mode_event(state: DeviceState) -> Happened:
-    """Say what the device does now."""
-    texts: dict[Mode, str] = {
-        "idle": "Nobody is being led.",
-        "guiding": f"Leading to {state.place_name(state.destination_id)}.",
-        "paused": "Guidance is paused.",
-        "arrived": f"Arrived at {state.place_name(state.destination_id)}.",
-    }
-    return Happened("mode", texts[state.mode])
-
-
-def _set_destination(state: DeviceState, poi_id: str) -> Step:
-    if state.leading and state.route is not None:
-        # Whoever is on their way is led on until the new way is known to exist.
-        state = replace(state, wanted_id=poi_id, mode="guiding")
-        return state, ()
-    state = replace(
-        state, wanted_id=poi_id, destination_id=poi_id, mode="guiding", route=None, guidance=None,
-        off_route_since_s=None,
-    )  # fmt: skip
-    return state, (mode_event(state),)
-
-
-def _clear(state: DeviceState, now_s: float) -> Step:
-    if state.mode == "idle":
-        return state, ()
-    state = stopped(state)
-    return state, (mode_event(state), RouteChanged(now_s))
-
-
-def stopped(state: DeviceState) -> DeviceState:
-    """Return the state in which nobody is led any more."""
-    return replace(
-        state, mode="idle", destination_id=None, wanted_id=None, route=None, guidance=None, off_route_since_s=None
-    )
-
-
-def _switched(state: DeviceState, before: Mode, after: Mode) -> Step:
-    if state.mode != before:
-        return state, ()
-    state = replace(state, mode=after)
-    return state, (mode_event(state),)
-
-
-def _resume(state: DeviceState) -> Step:
-    # The walker may have moved meanwhile: the way begins where they are now.
-    wanted_id = state.wanted_id or state.destination_id
-    state, effects = _switched(state, "paused", "guiding")
-    return (replace(state, wanted_id=wanted_id) if effects else state), effects
 
 
 def _apply_settings(state: DeviceState, order: ApplySettings) -> Step:

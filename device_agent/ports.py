@@ -19,7 +19,7 @@ from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning
 
 KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
 """What tells the console which of its orders runs."""
-EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
 
 
 class Clock(Protocol):
@@ -94,11 +94,12 @@ class DisplayOutput(Protocol):
 
 
 class Button(enum.Enum):
-    """The buttons on the glasses; what they mean is decided by the state machine."""
+    """The buttons on the glasses; what they mean is decided in :mod:`device_agent.menu`."""
 
     MAIN = "main"
     NEXT = "next"
     PREVIOUS = "previous"
+    REPEAT = "repeat"
 
 
 class PressKind(enum.Enum):

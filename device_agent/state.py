@@ -8,15 +8,17 @@ from pathlib import Path
 from typing import Literal
 
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from navcore.modes import Mode
 from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.way_finding import Blockage, WayFinder
 from navcore.settings import Settings
 from navcore.site import Site
-from navcore.types import Guidance, Route
+from navcore.types import Guidance, Localization, Pose2D, Route
 
-Mode = Literal["idle", "guiding", "paused", "arrived"]
+ON_THE_WAY = frozenset({Mode.GUIDING, Mode.LOST})
+"""Somebody is being led and goes on by themselves, as soon as the position is known and nothing has failed."""
 TrailPoint = tuple[float, float, float]
 """Stamp (s), x and y (m) of the walker."""
 
@@ -32,6 +34,17 @@ class PreparedMap:
 
 
 @dataclass(frozen=True, slots=True)
+class Menu:
+    """Where the walker is in the list of places."""
+
+    poi_id: str
+    """The place that was named last."""
+    by: Literal["distance", "name"]
+    until_s: float
+    """Nobody remembers an open menu for ever: it closes by itself."""
+
+
+@dataclass(frozen=True, slots=True)
 class BlockedPlace:
     """A place of the road at which something stood in the way."""
 
@@ -43,29 +56,29 @@ class BlockedPlace:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeviceState:
-    """Everything that the loop remembers.
-
-    ======== ===================================== ==========================================================
-    mode     meaning                               leaves it
-    ======== ===================================== ==========================================================
-    idle     nobody is being led                   SetDestination → guiding
-    guiding  the walker is led to ``destination``  Pause → paused; reached → arrived; cleared or no way → idle
-    paused   the walker stands                     Resume or SetDestination → guiding; ClearDestination → idle
-    arrived  the destination is reached            SetDestination → guiding; ClearDestination → idle
-    ======== ===================================== ==========================================================
-    """
+    """Everything that the loop remembers. The states and what leads from one to another: :mod:`device_agent.states`."""
 
     settings: Settings
     graph: PoiGraph
     site_id: str = ""
     map_checksum: str = ""
     settings_revision: int = 0
-    mode: Mode = "idle"
+    mode: Mode = Mode.LOCALIZING
+    beneath: Mode | None = None
+    """The state that a fault leads back to; None where there is no fault."""
+    promised_ready: bool = False
+    """The walker waits to hear *Ready*."""
+    menu: Menu | None = None
+    """The places that the walker browses with the buttons."""
     destination_id: str | None = None
     wanted_id: str | None = None
     """A destination that is to be planned as soon as the pose is known."""
     route: Route | None = None
     route_version: int = 0
+    located: Localization | None = None
+    """Where the last frame was taken; None without one, and off duty."""
+    sure: tuple[float, Pose2D] | None = None
+    """When and where the position was last known for sure."""
     guidance: Guidance | None = None
     """The previous guidance: the only memory of route following."""
     obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
@@ -95,9 +108,19 @@ class DeviceState:
     """A map that is swapped in at the next stop."""
 
     @property
+    def purpose(self) -> Mode:
+        """What the device is there for: its state, or in a fault the state beneath it."""
+        return self.beneath or self.mode
+
+    @property
     def leading(self) -> bool:
         """Somebody is being led, even if they stand just now."""
-        return self.mode in ("guiding", "paused")
+        return self.on_the_way or self.purpose is Mode.PAUSED
+
+    @property
+    def on_the_way(self) -> bool:
+        """Somebody is being led, and not paused."""
+        return self.purpose in ON_THE_WAY
 
     def place_ahead(self, ahead_m: float) -> Blockage | None:
         """Return the place of the road so far ahead on the walker's route, or the route's end; None if unknown."""
@@ -118,6 +141,16 @@ class Notice:
     """A sentence that the walker shall hear."""
 
     text: str
+    answers: bool = False
+    """It answers a button, or tells of an order: not said again where an instruction cuts it off."""
+
+
+@dataclass(frozen=True, slots=True)
+class SayAgain:
+    """The last sentence is to be said again."""
+
+    otherwise: str
+    """What is said where there is none, or it is no longer true."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,6 +183,6 @@ class SwapMap:
     prepared: PreparedMap
 
 
-Effect = KeptMessage | Notice | Happened | StoreGraph | StoreSettings | SwapMap
+Effect = KeptMessage | Notice | SayAgain | Happened | StoreGraph | StoreSettings | SwapMap
 """What a step asks the agent to do in the world."""
 Step = tuple[DeviceState, tuple[Effect, ...]]

@@ -3,16 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from device_agent.ports import CueOutput
-from device_agent.state import DeviceState
+from device_agent.state import DeviceState, Notice
+from device_agent.states import may_be_told
 from navcore.cues.bus import CueBus
 from navcore.cues.memory import CueMemory
 from navcore.cues.speech import cues_for, repeat_last, say
-from navcore.cues.table import Cue
+from navcore.cues.table import Cue, CueKind
+from navcore.modes import Mode
 from navcore.settings import Settings
-from navcore.types import Action, Guidance, Reason, SonarState
+from navcore.types import Action, DecisionTrace, Guidance, Reason, SonarState
+
+
+@dataclass(frozen=True, slots=True)
+class VoiceMemory:
+    """Everything that the voice remembers."""
+
+    cues: CueMemory
+    stops_heard: int
+    """How often the watchdog had spoken when the voice last asked."""
+    last_spoken: Cue | None = None
 
 
 class Voice:
@@ -28,25 +40,39 @@ class Voice:
         self.last_spoken: Cue | None = None
         """The last cue with words."""
 
+    @property
+    def memory(self) -> VoiceMemory:
+        """What has been said so far."""
+        return VoiceMemory(self._memory, self._stops_heard, self.last_spoken)
+
+    def go_on_from(self, memory: VoiceMemory) -> None:
+        """Take it that this is what has been said so far."""
+        self._memory, self._stops_heard, self.last_spoken = memory.cues, memory.stops_heard, memory.last_spoken
+
     def tell(self, state: DeviceState, guidance: Guidance, now_s: float) -> tuple[Cue, ...]:
         """Play what guidance has to be heard now, and return it."""
         if self._watchdog_stops() != self._stops_heard:
             self._stops_heard = self._watchdog_stops()
-            if state.mode == "guiding":
+            if state.on_the_way:
                 self._overruled(now_s)
         if not state.leading:
             guidance = self._resting(state, guidance)
         cues, self._memory = cues_for(guidance, self._memory, state.route, state.settings, now_s)
         return self._played(cues, now_s)
 
-    def say(self, text: str, settings: Settings, now_s: float) -> tuple[Cue, ...]:
-        """Speak a message as soon as nothing more important is heard; return what is played now."""
-        cues, self._memory = say(text, self._memory, settings, now_s)
+    def say(self, notice: Notice, settings: Settings, now_s: float) -> tuple[Cue, ...]:
+        """Speak a sentence as soon as nothing more important is heard; return what is played now."""
+        kind = CueKind.ANSWER if notice.answers else CueKind.MESSAGE
+        cues, self._memory = say(notice.text, self._memory, settings, now_s, kind)
         return self._played(cues, now_s)
 
-    def repeat(self, guidance: Guidance, settings: Settings, now_s: float) -> tuple[Cue, ...]:
-        """Say the last sentence again, if it is still true."""
-        cues, self._memory = repeat_last(guidance, self._memory, settings, now_s)
+    def repeat(self, state: DeviceState, otherwise: str, now_s: float) -> tuple[Cue, ...]:
+        """Say the last sentence again, or ``otherwise`` where it is no longer true; return what is played now."""
+        guidance = state.guidance
+        if guidance is None or not may_be_told(state.mode, guidance.action):
+            # Guidance is of the last frame; whoever has paused since is not told once more to walk.
+            guidance = Guidance(now_s, Action.STOP, None, Reason.PAUSED, DecisionTrace())
+        cues, self._memory = repeat_last(guidance, self._memory, state.settings, now_s, otherwise)
         return self._played(cues, now_s)
 
     def _overruled(self, now_s: float) -> None:
@@ -59,7 +85,7 @@ class Voice:
         """Whoever is not led hears that once, and nothing of the sensors' troubles afterwards."""
         sonar_state = SonarState.ABSENT if self._memory.sonar_lost else SonarState.OK
         trace = replace(guidance.trace, sonar_state=sonar_state, uncertain_since_s=None)
-        reason = Reason.ARRIVED if state.mode == "arrived" else Reason.NO_ROUTE
+        reason = Reason.ARRIVED if state.purpose is Mode.ARRIVED else Reason.NO_ROUTE
         return replace(guidance, action=Action.STOP, direction=None, reason=reason, trace=trace)
 
     def _played(self, cues: tuple[Cue, ...], now_s: float) -> tuple[Cue, ...]:

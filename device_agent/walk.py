@@ -16,8 +16,10 @@ from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts, LocalizerFactory
 from device_agent.cycle import Cycle
 from device_agent.localization import make_localizer
+from device_agent.orders import Lead
 from device_agent.places import find_place
 from device_agent.ports import CueOutput, DisplayOutput, LocalizerPort
+from device_agent.recording.tap import Tap
 from device_agent.simulation.adapters import SimulatedCamera, SimulatedClock, SimulatedEar, SimulatedSonar
 from device_agent.simulation.building import Building, Start
 from device_agent.simulation.live_scenario import live_stage
@@ -33,7 +35,6 @@ from navcore.errors import InputError
 from navcore.geometry import FloatArray
 from navcore.settings import Settings
 from navcore.site import Site
-from navcore.wire import SetDestination
 
 _AFTER_ARRIVAL_S = 2.0
 """The walker needs this long to come to a stand; a contact meanwhile counts."""
@@ -72,6 +73,7 @@ def run_walk(
     renderer: Renderer | None = None,
     localizer_factory: LocalizerFactory = make_localizer,
     scenario: Scenario = ORDINARY,
+    tap: Tap | None = None,
     meanwhile: Meanwhile = lambda moment: None,
 ) -> WalkResult:
     """Lead a simulated walker from one place to another and measure. The same arguments give the same walk.
@@ -79,7 +81,7 @@ def run_walk(
     ``start`` is a place of the road, left as the road leaves it, or any spot and heading. ``walker`` is drawn from the
     seed where it is None; ``output`` hears every cue besides the walker; ``display`` is shown what the glasses show;
     ``renderer`` may be shared by walks in the same building, for making one takes seconds; a ``scenario`` that changes
-    the building has its own. Raises VbrError for unknown places.
+    the building has its own; ``tap`` listens in on the loop (a recorder). Raises VbrError for unknown places.
     """
     use_one_core()
     settings = settings or Settings()
@@ -99,7 +101,7 @@ def run_walk(
     state = DeviceState(settings, site.poi_graph, site.site_id)
     samples, cues = lead(
         world, state, localizer, goal.id, max_s=max_s, rate_hz=rate_hz, output=output, display=display,
-        meanwhile=meanwhile,
+        tap=tap, meanwhile=meanwhile,
     )  # fmt: skip
     return measured(samples, world.truth(), _place_m(building, goal.name), cues)
 
@@ -114,6 +116,7 @@ def lead(
     rate_hz: float = 10.0,
     output: CueOutput | None = None,
     display: DisplayOutput | None = None,
+    tap: Tap | None = None,
     meanwhile: Meanwhile = lambda moment: None,
 ) -> tuple[list[Sample], tuple[Cue, ...]]:
     """Lead whoever walks in a world to a PoI of the state's graph; return every cycle, and every cue."""
@@ -121,10 +124,13 @@ def lead(
     camera, sonar = SimulatedCamera(world, clock, rate_hz), SimulatedSonar(world, clock)
     heard = FakeOutput()
     outputs: list[CueOutput] = [SimulatedEar(world, clock), heard, *([output] if output is not None else [])]
-    parts = DeviceParts(clock, camera, sonar, TeeOutput(outputs), NoUplink(), lambda *_: localizer, display=display)
+    tap = tap or Tap()
+    parts = DeviceParts(
+        clock, camera, sonar, TeeOutput(outputs), NoUplink(), lambda *_: localizer, display=display, tap=tap
+    )
     agent = DeviceAgent(parts, state, localizer)
-    agent.submit(SetDestination(destination_id))
-    samples = _walked(agent, world, sonar, max_s, meanwhile)
+    agent.submit(Lead(destination_id))
+    samples = _walked(agent, world, sonar, max_s, tap, meanwhile)
     return samples, tuple(heard.cues)
 
 
@@ -138,7 +144,7 @@ def _place_m(building: Building, name: str) -> FloatArray | None:
 
 
 def _walked(
-    agent: DeviceAgent, world: SimulatedWorld, sonar: SimulatedSonar, max_s: float, meanwhile: Meanwhile
+    agent: DeviceAgent, world: SimulatedWorld, sonar: SimulatedSonar, max_s: float, tap: Tap, meanwhile: Meanwhile
 ) -> list[Sample]:
     samples: list[Sample] = []
     begin_s = world.now_s()
@@ -148,9 +154,11 @@ def _walked(
         agent.watchdog.check()
         if agent.screen is not None:
             agent.screen.check()
-        samples.append(Sample(cycle, np.array(world.true_head().translation[:2]), agent.state.mode, agent.state.route))
+        tap.check()
+        state, head_m = agent.state, np.array(world.true_head().translation[:2])
+        samples.append(Sample(cycle, head_m, state.purpose, state.route))
         meanwhile(Moment(agent, world, sonar, cycle))
-        if not ended and agent.state.mode in ("arrived", "idle"):
+        if not ended and not agent.state.leading:
             ended, end_s = True, min(end_s, world.now_s() + _AFTER_ARRIVAL_S)
         if not ended and agent.state.route is None and world.now_s() > begin_s + _NO_WAY_S:
             break

@@ -11,9 +11,10 @@ import numpy as np
 
 from device_agent.cycle import Cycle
 from device_agent.simulation.walker import WalkerBody
-from device_agent.state import Mode
+from device_agent.state import ON_THE_WAY
 from navcore.cues.table import Cue
 from navcore.geometry import FloatArray
+from navcore.modes import Mode
 from navcore.types import LocalizationQuality, Route
 
 ARRIVED_WITHIN_M = 2.0
@@ -29,7 +30,7 @@ class Sample:
     true_m: FloatArray
     """(2,): true head position in the building."""
     mode: Mode
-    """After the cycle."""
+    """After the cycle; in a fault, the state beneath it."""
     route: Route | None
 
 
@@ -76,10 +77,10 @@ def measured(
     """Return the figures of a walk: its samples, the walker's body at its end, and where the place truly is."""
     map_from_building, rmse_m = _alignment(samples)
     deviations_m, path_m = _deviations(samples, map_from_building)
-    said = any(sample.mode == "arrived" for sample in samples)
+    said = any(sample.mode is Mode.ARRIVED for sample in samples)
     distance_m = math.nan if place_m is None else math.hypot(body.x_m - place_m[0], body.y_m - place_m[1])
     near = place_m is None or distance_m <= ARRIVED_WITHIN_M
-    guided = [sample for sample in samples if sample.mode == "guiding"]
+    guided = [sample for sample in samples if sample.mode in ON_THE_WAY]
     work_ms = np.array([sample.cycle.work_ms for sample in guided or samples])
     routes = [sample.route for sample in samples if sample.route is not None]
     return WalkResult(
@@ -158,7 +159,7 @@ def _deviations(samples: Sequence[Sample], map_from_building: FloatArray) -> tup
     deviations: list[float] = []
     path: list[FloatArray] = []
     for sample in samples:
-        if sample.mode != "guiding" or sample.route is None or np.isnan(map_from_building[0, 0]):
+        if sample.mode not in ON_THE_WAY or sample.route is None or np.isnan(map_from_building[0, 0]):
             continue
         here = map_from_building[:2, :2] @ sample.true_m + map_from_building[:2, 2]
         path.append(here)

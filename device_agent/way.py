@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from device_agent.orders import mode_event, stopped
 from device_agent.state import BlockedPlace, DeviceState, Effect, Happened, Notice, Step
+from device_agent.states import StateEvent
+from device_agent.transitions import happen, mode_event
+from device_agent.whereabouts import finder_of
 from navcore.cues.texts import TEXTS
 from navcore.errors import PlanningError
-from navcore.planning.way_finding import WayFinder
 from navcore.types import Action, Pose2D, Reason, Route, TurnKind
 from navcore.wire import RouteChanged
 
@@ -27,7 +28,7 @@ _FARTHEST_BLOCK_M = 3.0
 
 def plan_if_needed(state: DeviceState, pose: Pose2D | None, now_s: float) -> Step:
     """Plan a way to the wanted destination, round what blocks it, or anew from where the walker strayed to."""
-    if pose is None or state.mode != "guiding":
+    if pose is None or not state.on_the_way:
         return state, ()
     if state.wanted_id is not None:
         return _to_wanted(_with_finder(state), pose, state.wanted_id, now_s)
@@ -48,7 +49,7 @@ def _to_wanted(state: DeviceState, pose: Pose2D, wanted_id: str, now_s: float) -
         route = _route_anyhow(state, pose, wanted_id, now_s)
     except PlanningError as error:
         return _refused(state, wanted_id, str(error), now_s)
-    changed = state.destination_id != wanted_id or state.route is None
+    changed = state.destination_id != wanted_id
     state = replace(_with_route(state, route), destination_id=wanted_id, wanted_id=None)
     effects: tuple[Effect, ...] = (mode_event(state),) if changed else ()
     return state, (*effects, _route_message(state, now_s))
@@ -60,8 +61,8 @@ def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> 
     if state.route is not None and state.destination_id != wanted_id:
         state = replace(state, wanted_id=None)
         return state, (*effects, _with_refusal(_route_message(state, now_s), refusal))
-    state = stopped(state)
-    return state, (*effects, mode_event(state), RouteChanged(now_s, refusal=refusal))
+    state, ended = happen(state, StateEvent.NO_WAY, now_s, refusal=refusal)
+    return state, (*effects, *ended)
 
 
 def _with_refusal(message: RouteChanged, refusal: str) -> RouteChanged:
@@ -135,10 +136,7 @@ def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) 
 
 # -------------------------------------------------------------------------------------------------------- parts
 def _with_finder(state: DeviceState) -> DeviceState:
-    finder, settings = state.way_finder, state.settings.planning
-    if finder is not None and finder.graph is state.graph and finder.settings == settings:
-        return state
-    return replace(state, way_finder=WayFinder(state.graph, settings))
+    return replace(state, way_finder=finder_of(state))
 
 
 def _route(state: DeviceState, pose: Pose2D, poi_id: str, now_s: float) -> Route:

@@ -15,11 +15,14 @@ from typing import Annotated, Literal, TypeVar, cast
 import msgspec
 
 from navcore.errors import VersionError, WireError
+from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 
-PROTOCOL_VERSION = 2
-"""2: the clocks' offset is told, a map's package has a checksum, a map that waits is told."""
+PROTOCOL_VERSION = 3
+"""2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
+3: the clocks' offset is told, a map's package has a checksum, a map that waits is told.
+"""
 MAX_MESSAGE_BYTES = 4 << 20
 """No message is larger; most may be much less (see the table)."""
 
@@ -87,7 +90,7 @@ class WalkerState(_Message, frozen=True, tag="state"):
     last_cue_stamp_s: float | None = None
     cycle_ms: float = 0.0
     frame_rate_hz: float = 0.0
-    mode: Literal["idle", "guiding", "paused", "arrived"] = "idle"
+    mode: Mode = Mode.LOCALIZING
     destination_id: ShortText | None = None
 
 
@@ -115,7 +118,7 @@ class Event(_Message, frozen=True, tag="event"):
 
     sequence: int
     stamp_s: Finite
-    kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog"]
+    kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
     text: Text
 
 
@@ -178,6 +181,10 @@ class Resume(_Message, frozen=True, tag="resume"):
     """Go on after a pause."""
 
 
+class Repeat(_Message, frozen=True, tag="repeat"):
+    """Say the last sentence again."""
+
+
 class Say(_Message, frozen=True, tag="say"):
     """Speak a sentence to the walker."""
 
@@ -227,8 +234,8 @@ DeviceMessage = (
     Hello | WalkerState | DepthImage | RouteChanged | Event | SettingsRunning | GraphRunning | MapRunning | Pong
 )
 ConsoleMessage = (
-    Welcome | SetDestination | ClearDestination | Pause | Resume | Say | ApplySettings | PublishGraph | MapAvailable
-    | EventConfirmed | Ping
+    Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
+    | MapAvailable | EventConfirmed | Ping
 )  # fmt: skip
 
 _UP, _DOWN = Direction.UP, Direction.DOWN
@@ -239,21 +246,22 @@ _ROWS = (
     MessageRow(Pong, _UP, 1, "at each Ping", None, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(SettingsRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 64 * _KIB),
     MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
-    MessageRow(MapRunning, _UP, 2, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
-    MessageRow(Event, _UP, 1, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
-    MessageRow(WalkerState, _UP, 1, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(Event, _UP, 2, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
+    MessageRow(WalkerState, _UP, 2, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
-    MessageRow(Ping, _DOWN, 2, "every 2 s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(Ping, _DOWN, 3, "every 2 s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(SetDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ClearDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Pause, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Resume, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
-    MessageRow(MapAvailable, _DOWN, 2, "at a joining", None, 4, Delivery.OFFER, 4 * _KIB),
+    MessageRow(MapAvailable, _DOWN, 3, "at a joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 4, Delivery.OFFER, MAX_MESSAGE_BYTES),
 )
 MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})

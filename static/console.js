@@ -69,12 +69,12 @@ function showButtons(linked) {
   const able = Boolean(device?.connected && linked);
   const mode = device?.state?.mode;
   $("guide").disabled = !(able && me.mayEdit && $("destination").value);
-  $("say-send").disabled = !able;
+  $("say-send").disabled = $("repeat").disabled = !able;
   $("pause").hidden = mode === "paused";
   $("resume").hidden = mode !== "paused";
-  $("pause").disabled = !(able && me.mayEdit && mode === "guiding");
+  $("pause").disabled = !(able && me.mayEdit && (mode === "guiding" || mode === "lost"));
   $("resume").disabled = !(able && me.mayEdit);
-  $("clear").disabled = !(able && me.mayEdit && (mode === "guiding" || mode === "paused"));
+  $("clear").disabled = !(able && me.mayEdit && device?.state?.destination_id && mode !== "arrived");
 }
 
 const onDevice = (what, body) => attempt(() => post(`/api/devices/${encodeURIComponent(device.id)}/${what}`, body));
@@ -83,6 +83,7 @@ $("guide").addEventListener("click", () => onDevice("destination", { poi_id: $("
 $("pause").addEventListener("click", () => onDevice("pause"));
 $("resume").addEventListener("click", () => onDevice("resume"));
 $("clear").addEventListener("click", () => onDevice("clear"));
+$("repeat").addEventListener("click", () => onDevice("repeat"));
 $("destination").addEventListener("change", nameGuideButton);
 $("say-form").addEventListener("submit", async (event) => {
   event.preventDefault();
@@ -121,7 +122,7 @@ const showCommands = onChange((commands) => {
 function commandWords({ kind, detail }) {
   const place = graph.poi(detail)?.name ?? detail;
   return {
-    set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", say: `Say “${detail}”`,
+    set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", repeat: "Repeat", say: `Say “${detail}”`,
   }[kind];
 }
 

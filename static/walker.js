@@ -4,7 +4,9 @@ import { $, ago, el, icon, metres, onChange, setText } from "./dom.js";
 
 const QUALITY = { localized: "● Known", uncertain: "◐ Uncertain", lost: "✕ Lost" };
 const SONAR = { no_echo: "no echo", stale: "silent", absent: "none" };
-const SPOKEN = { walk: "Walking.", turn: "Turning.", stop: "Standing.", arrived: "Arrived.", idle: "Waiting." };
+const SPOKEN = { walk: "Walking.", turn: "Turning.", stop: "Standing." };
+/** States in which guidance says what the walker is told to do, and why; in the others the state says it all. */
+const GUIDED = ["guiding", "lost", "fault"];
 const DEPTH_EVERY_MS = 400;
 
 export class Walker {
@@ -41,14 +43,17 @@ export class Walker {
   }
 
   showNow(state, name, elapsed_s) {
-    const { sign, words, action } = decision(state, name);
-    $("now").dataset.action = action;
+    const { sign, words } = decision(state, name);
+    const guided = GUIDED.includes(state.mode);
+    $("now").dataset.mode = state.mode;
+    $("now").dataset.action = state.action;
     this.drawSign(sign);
+    setText($("now-state"), state.mode_label);
     setText($("now-action"), words);
-    const reason = state.mode === "idle" ? "Choose where to go below." : state.reason;
-    setText($("now-reason"), reason);
+    const reason = guided ? state.reason : state.mode_sentence;
+    setText($("now-reason"), state.mode === "ready" ? `${reason} Choose where to go below.` : reason);
     // For screen readers: what changes a few times a minute, not every degree.
-    setText($("now-said"), `${SPOKEN[action]} ${reason}`);
+    setText($("now-said"), `${state.mode_label}. ${guided ? `${SPOKEN[state.action]} ` : ""}${reason}`);
     $("now-cue").hidden = !state.last_cue;
     setText($("now-cue-text"), state.last_cue);
     setText($("now-cue-age"), state.last_cue_age_s === null ? "" : ago(state.last_cue_age_s + elapsed_s));
@@ -82,16 +87,18 @@ export class Walker {
 
 /** The decision as a sign and a sentence. */
 function decision(state, name) {
-  if (state.mode === "arrived") return { sign: "arrived", action: "arrived", words: name ? `Arrived at ${name}` : "Arrived" };
-  if (state.mode === "paused") return { sign: "paused", action: "stop", words: "Paused" };
-  if (state.mode === "idle") return { sign: "idle", action: "idle", words: "Waiting for a destination" };
   const towards = name ? ` to ${name}` : "";
-  if (state.action === "stop") return { sign: "stop", action: "stop", words: "Stop" };
+  const words = {
+    off_duty: "Off duty", mapping: "Recording a map", localizing: "Finding the position", ready: "Waiting for a destination",
+    paused: `Paused${name ? `, on the way to ${name}` : ""}`, arrived: name ? `Arrived at ${name}` : "Arrived",
+  }[state.mode];
+  if (words) return { sign: state.mode, words };
+  if (state.action === "stop") return { sign: state.mode === "guiding" ? "stop" : state.mode, words: "Stop" };
   const degrees = state.direction_rad === null ? 0 : Math.round((state.direction_rad * 180) / Math.PI);
   const side = degrees > 0 ? "left" : "right";
-  if (state.action === "turn") return { sign: side, action: "turn", words: `Turning ${side}, ${Math.abs(degrees)}°` };
-  if (Math.abs(degrees) < 10) return { sign: "walk", action: "walk", words: `Walking${towards}` };
-  return { sign: "walk", action: "walk", words: `Walking${towards}, ${Math.abs(degrees)}° ${side}` };
+  if (state.action === "turn") return { sign: side, words: `Turning ${side}, ${Math.abs(degrees)}°` };
+  if (Math.abs(degrees) < 10) return { sign: "walk", words: `Walking${towards}` };
+  return { sign: "walk", words: `Walking${towards}, ${Math.abs(degrees)}° ${side}` };
 }
 
 function figures(device, state) {

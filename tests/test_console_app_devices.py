@@ -16,6 +16,7 @@ from console.clock_offset import ClockOffset
 from console.edits import UpdatePoi
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, Freshness, freshness
 from console.server import ConsoleServer
+from navcore.modes import Mode
 from navcore.site import Site, map_checksum, save_site, unpack_site
 from navcore.wire import (
     ApplySettings,
@@ -28,6 +29,7 @@ from navcore.wire import (
     Ping,
     Pong,
     PublishGraph,
+    Repeat,
     RouteChanged,
     Say,
     SetDestination,
@@ -100,7 +102,7 @@ def test_another_protocol_version_is_refused_with_the_reason(server: ConsoleServ
     other = DialledDevice(server.ready.url, token_for(admin), hello_of(server, protocol_version=99))
     code, reason = other.close_code()
     assert code == 4403
-    assert "protocol 1, this device 99" in reason
+    assert "protocol 2, this device 99" in reason
 
 
 @pytest.mark.parametrize(
@@ -130,7 +132,7 @@ def test_a_second_link_of_the_same_device_takes_over(server: ConsoleServer, admi
     second = DialledDevice(server.ready.url, token, hello_of(server))
     second.next(Welcome)
     assert first.close_code()[0] == 4409
-    second.send(state(mode="idle", last_cue="second"))
+    second.send(state(mode=Mode.READY, last_cue="second"))
     until(server.services.hub, lambda d: d.connected and d.state is not None and d.state.last_cue == "second")
     second.socket.close()
 
@@ -221,9 +223,9 @@ def test_pause_resume_clear_and_say_are_seen_to_run(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:
     for what, answer in (
-        ("pause", state(mode="paused", destination_id="b")),
-        ("resume", state(mode="guiding", destination_id="b")),
-        ("clear", state(mode="idle")),
+        ("pause", state(mode=Mode.PAUSED, destination_id="b")),
+        ("resume", state(mode=Mode.GUIDING, destination_id="b")),
+        ("clear", state(mode=Mode.READY)),
     ):
         asked(admin, what).raise_for_status()
         device.send(answer)
@@ -232,6 +234,11 @@ def test_pause_resume_clear_and_say_are_seen_to_run(
     assert device.next(Say).text == "Well done."
     device.send(Event(1, 1000.0, "cue", "Well done."))
     fate(server, "say", "running")
+    asked(admin, "repeat").raise_for_status()
+    assert isinstance(device.next(Repeat), Repeat)
+    device.send(Event(2, 1001.0, "button", "The walker pressed: pause."))
+    device.send(Event(3, 1001.0, "cue", "Well done."))
+    fate(server, "repeat", "running")
     for bad in ({"text": ""}, {"text": "   "}, {"text": "x" * 301}, {"text": "a\x07b"}, {"word": "a"}, None):
         assert asked(admin, "say", bad).status_code == 400
 
@@ -360,7 +367,7 @@ def test_a_device_with_another_map_fetches_ours_and_then_gets_the_graph(
 
 
 def test_the_stream_tells_the_whole_picture(server: ConsoleServer, admin: Person, device: DialledDevice) -> None:
-    device.send(state(mode="guiding", action="walk", reason="ok", destination_id="b", deviation_m=0.25))
+    device.send(state(mode=Mode.GUIDING, action="walk", reason="ok", destination_id="b", deviation_m=0.25))
     until(server.services.hub, lambda d: d.state is not None)
     with admin.live() as socket:
         picture = json.loads(socket.recv(timeout=20))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,12 +15,15 @@ from websockets.exceptions import ConnectionClosed
 
 from console.edits import UpdatePoi
 from console.server import ConsoleServer
+from navcore.modes import Mode
 from navcore.site import Site, save_site
 from navcore.wire import (
     ApplySettings,
     ConsoleMessage,
+    Event,
     Ping,
     Pong,
+    Repeat,
     RouteChanged,
     SetDestination,
     SettingsRunning,
@@ -38,6 +42,11 @@ NAMELESS = """
 """
 
 
+_REASONS = {
+    Mode.PAUSED: "paused", Mode.LOST: "pose_lost", Mode.ARRIVED: "arrived", Mode.FAULT: "sensor_stale",
+}  # fmt: skip
+
+
 class WalkingDevice:
     """A device on a real link that does what it is told."""
 
@@ -50,10 +59,10 @@ class WalkingDevice:
         self._thread = threading.Thread(target=self._answer_all, daemon=True)
         self._thread.start()
 
-    def send_state(self, destination_id: str | None = None) -> None:
+    def send_state(self, destination_id: str | None = None, mode: Mode | None = None) -> None:
         """Tell where the walker is."""
-        mode = "idle" if destination_id is None else "guiding"
-        action, reason = ("stop", "no_route") if destination_id is None else ("walk", "ok")
+        mode = mode or (Mode.READY if destination_id is None else Mode.GUIDING)
+        action, reason = ("walk", "ok") if mode is Mode.GUIDING else ("stop", _REASONS.get(mode, "no_route"))
         state = WalkerState(self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id)
         self.link.send(state)
 
@@ -78,6 +87,8 @@ class WalkingDevice:
             case SetDestination(poi_id):
                 self.link.send(RouteChanged(self.now_s(), ((0.0, 0.0), (6.0, 0.0)), (("Bar", 6.0),), poi_id))
                 self.send_state(poi_id)
+            case Repeat():
+                self.link.send(Event(1, self.now_s(), "cue", "Move forward."))
 
 
 @pytest.fixture(scope="module")
@@ -198,6 +209,25 @@ def test_a_walk_is_started_and_seen_and_a_lost_device_never_looks_live(page: Pag
     expect(page.locator("#freshness")).to_have_text("LOST")
     expect(page.locator("#dated")).to_contain_text("not connected")
     expect(page.get_by_role("button", name="Guide to Bar")).to_be_disabled()
+
+
+def test_every_state_of_a_device_has_a_clear_label(page: Page, server: ConsoleServer) -> None:
+    device = WalkingDevice(server)
+    page.goto("/")
+    for mode in Mode:
+        led = mode in (Mode.GUIDING, Mode.PAUSED, Mode.LOST, Mode.ARRIVED, Mode.FAULT)
+        device.send_state("b" if led else None, mode)
+        expect(page.locator("#now-state")).to_have_text(mode.label)
+        expect(page.locator("#now-sign svg path")).to_have_attribute("d", re.compile("M"))
+        expect(page.locator("#now-said")).to_contain_text(f"{mode.label}.")
+        enabled = {name: page.locator(f"#{name}").is_enabled() for name in ("pause", "resume", "clear")}
+        assert enabled["pause"] == (mode in (Mode.GUIDING, Mode.LOST))
+        assert enabled["clear"] == (led and mode is not Mode.ARRIVED)
+        assert page.locator("#resume").is_visible() == (mode is Mode.PAUSED)
+    page.get_by_role("button", name="Have the last sentence said again").click()
+    expect(page.locator("#commands")).to_contain_text("Repeat")
+    expect(page.locator("#commands")).to_contain_text("accepted")
+    device.vanish()
 
 
 def test_a_setting_is_sent_runs_and_asks_first_where_safety_hangs_on_it(page: Page, server: ConsoleServer) -> None:

@@ -19,7 +19,7 @@ from navcore.types import Reason
 
 NEEDED_TO_BE_SAFE = {
     CueKind.STOP, CueKind.ARRIVED, CueKind.OBSTACLE_BEEP, CueKind.TURN, CueKind.WALK, CueKind.STEER, CueKind.TICK,
-    CueKind.HAZARD_AHEAD, CueKind.MESSAGE,
+    CueKind.HAZARD_AHEAD, CueKind.MESSAGE, CueKind.ANSWER,
 }  # fmt: skip
 
 

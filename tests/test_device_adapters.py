@@ -398,7 +398,7 @@ def _fake_buttons(clock: FakeClock, folder: Path) -> tuple[Buttons, Press]:
 
 def _evdev_buttons(clock: FakeClock, folder: Path) -> tuple[Buttons, Press]:
     device = InputDevice(folder)
-    codes = {Button.MAIN: 28, Button.NEXT: 106, Button.PREVIOUS: 105}
+    codes = {Button.MAIN: 28, Button.NEXT: 106, Button.PREVIOUS: 105, Button.REPEAT: 439}
 
     def press(button: Button, kind: PressKind) -> None:
         device.key(clock.now_s(), codes[button], 1)
@@ -410,7 +410,7 @@ def _evdev_buttons(clock: FakeClock, folder: Path) -> tuple[Buttons, Press]:
 
 def _keyboard_buttons(clock: FakeClock, folder: Path) -> tuple[Buttons, Press]:
     ours, theirs = os.openpty()
-    letters = {Button.MAIN: "m", Button.NEXT: "n", Button.PREVIOUS: "p"}
+    letters = {Button.MAIN: "m", Button.NEXT: "n", Button.PREVIOUS: "p", Button.REPEAT: "r"}
 
     sent = itertools.count(1)
 

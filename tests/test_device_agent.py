@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from device_hall import GRAPH, INTRINSICS, Rig, empty_hall, pose_at
 
-from device_agent.adapters.clocks import FakeClock, SteppedClock
-from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeSonar, FakeUplink, NoSonar
+from device_agent.adapters.clocks import FakeClock
+from device_agent.adapters.fakes import FakeLocalizer, FakeOutput, FakeUplink, NoSonar
 from device_agent.agent import DeviceAgent, DeviceParts
-from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
 from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
-from navcore.geometry import Transform, world_from_camera_at
-from navcore.planning.poi_graph import Edge, Poi, PoiGraph
+from navcore.modes import Mode
+from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_poi_graph, load_site, map_checksum, save_site
-from navcore.types import Action, CameraIntrinsics, Frame, Localization, LocalizationQuality, Reason
+from navcore.types import Action, Frame, Localization, LocalizationQuality, Reason
 from navcore.wire import (
     ApplySettings,
     ClearDestination,
@@ -37,103 +36,13 @@ from navcore.wire import (
     SettingsRunning,
 )
 
-INTRINSICS = CameraIntrinsics(160, 120, 116.0, 116.0, 79.5, 59.5)
-EYE_HEIGHT_M = 1.6
-WALL_X_M = 30.0
-GRAPH = PoiGraph(
-    3,
-    {
-        "hall": Poi("hall", "Hall", "hall", 0.0, 0.0),
-        "bar": Poi("bar", "Bar", "bar", 20.0, 0.0),
-        "attic": Poi("attic", "Attic", "room", 0.0, 50.0),
-    },
-    {"road": Edge("road", "hall", "bar", ((0.0, 0.0), (20.0, 0.0)), 20.0)},
-)
-
-
-def pose_at(x_m: float, y_m: float = 0.0, heading_rad: float = 0.0) -> Transform:
-    return world_from_camera_at((x_m, y_m, EYE_HEIGHT_M), heading_rad, np.radians(15.0))
-
-
-def empty_hall(world_from_camera: Transform) -> np.ndarray:
-    """Return the depth image (h, w) of a floor and one far wall."""
-    u, v = np.meshgrid(np.arange(INTRINSICS.width_px), np.arange(INTRINSICS.height_px))
-    rays = np.stack(
-        [(u - INTRINSICS.cx_px) / INTRINSICS.fx_px, (v - INTRINSICS.cy_px) / INTRINSICS.fy_px, np.ones(u.shape)],
-        axis=-1,
-    )
-    directions = rays @ world_from_camera.rotation.T
-    x, _, z = world_from_camera.translation
-    with np.errstate(divide="ignore", invalid="ignore"):
-        floor = np.where(directions[..., 2] < 0, -z / directions[..., 2], np.inf)
-        wall = np.where(directions[..., 0] > 0, (WALL_X_M - x) / directions[..., 0], np.inf)
-    depth = np.minimum(floor, wall).astype(np.float32)
-    depth[depth > 12.0] = np.nan
-    return depth
-
-
-@dataclass
-class Rig:
-    """An agent on fakes; ``place`` moves the walker, ``feed`` replaces what the camera gives next."""
-
-    store: DeviceStore | None = None
-    clock: SteppedClock = field(default_factory=lambda: SteppedClock(100.0))
-    pose: Transform | None = field(default_factory=lambda: pose_at(0.5))
-    spoil: Callable[[Frame], Frame | Exception] = lambda frame: frame
-    locate_error: Exception | None = None
-
-    def __post_init__(self) -> None:
-        self.output, self.uplink = FakeOutput(), FakeUplink()
-        self.sonar = FakeSonar(self.clock)
-        parts = DeviceParts(
-            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output, self.uplink,
-            lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store,
-        )  # fmt: skip
-        self.agent = DeviceAgent(
-            parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)
-        )
-
-    def _frames(self) -> Iterator[Frame | Exception]:
-        while True:
-            shown = self.pose or pose_at(0.0)
-            colour = np.zeros((INTRINSICS.height_px, INTRINSICS.width_px, 3), np.uint8)
-            yield self.spoil(Frame(self.clock.now_s() + 0.1, colour, empty_hall(shown)))
-
-    def locate(self, frame: Frame) -> Localization:
-        if self.locate_error is not None:
-            raise self.locate_error
-        quality = LocalizationQuality.LOCALIZED if self.pose is not None else LocalizationQuality.LOST
-        return Localization(frame.stamp_s, quality, self.pose, None if self.pose is None else np.eye(6) * 1e-4, 200)
-
-    def cycles(self, count: int) -> list[Cycle]:
-        done = []
-        for _ in range(count):
-            self.sonar.echo(None)
-            done.append(self.agent.run_cycle())
-            self.agent.watchdog.check()
-        return done
-
-    def lead_to(self, poi_id: str = "bar") -> Cycle:
-        self.agent.submit(SetDestination(poi_id))
-        return self.cycles(6)[-1]
-
-    @property
-    def heard(self) -> list[CueKind]:
-        return [cue.kind for cue in self.output.cues]
-
-    def messages(self, kind: type) -> list:  # type: ignore[type-arg]
-        return [message for message in self.uplink.messages if isinstance(message, kind)]
-
-    def events(self, kind: str) -> list[str]:
-        return [text for _, each, text in self.uplink.events if each == kind]
-
 
 @pytest.fixture
 def rig() -> Rig:
     return Rig()
 
 
-def test_leads_from_idle_to_arrived(rig: Rig) -> None:
+def test_leads_from_the_start_to_arrived(rig: Rig) -> None:
     assert rig.cycles(1)[0].guidance.reason is Reason.NO_ROUTE
     rig.pose = pose_at(14.0)
     cycle = rig.lead_to()
@@ -185,7 +94,7 @@ def test_whoever_is_not_led_hears_that_once_and_nothing_of_the_sensors(rig: Rig)
 def test_an_unreachable_or_unknown_place_is_refused_in_words(rig: Rig) -> None:
     for poi_id, word in (("attic", "Attic"), ("cellar", "cellar")):
         rig.lead_to(poi_id)
-        assert rig.agent.state.mode == "idle"
+        assert rig.agent.state.mode is Mode.READY
         rig.cycles(30)
         refusal = rig.messages(RouteChanged)[-1].refusal
         assert word in refusal
@@ -224,7 +133,7 @@ def test_a_cleared_destination_stops_the_walker_audibly(rig: Rig) -> None:
 def test_a_destination_waits_for_the_pose(rig: Rig) -> None:
     rig.pose = None
     assert rig.lead_to().guidance.reason is Reason.POSE_LOST
-    assert rig.uplink.states[-1].mode == "guiding"
+    assert rig.uplink.states[-1].mode is Mode.LOST
     rig.pose = pose_at(0.5)
     assert rig.cycles(6)[-1].guidance.action is Action.WALK
 
@@ -508,7 +417,7 @@ def test_an_output_that_fails_ends_neither_the_loop_nor_the_watchdog_and_stop_is
 def test_an_order_that_cannot_be_carried_out_stops_the_walker_and_the_loop_goes_on(rig: Rig) -> None:
     rig.lead_to()
     broken = Site.__new__(Site)
-    rig.agent.state = replace(rig.agent.state, mode="idle")
+    rig.agent.state = replace(rig.agent.state, mode=Mode.READY)
     rig.agent.submit(PreparedMap(Path("nowhere"), "sum", broken, FakeLocalizer(rig.locate)))
     rig.cycles(2)
     rig.agent.state = replace(rig.agent.state, waiting_map=None)

@@ -12,8 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from device_agent.adapters.clocks import FakeClock, SteppedClock
-from device_agent.adapters.evdev_buttons import EV_SYN, INPUT_EVENT, SYN_DROPPED, EvdevButtons
-from device_agent.adapters.keyboard_buttons import KeyboardButtons
+from device_agent.adapters.evdev_buttons import EV_SYN, INPUT_EVENT, KEY_BUTTONS, SYN_DROPPED, EvdevButtons
+from device_agent.adapters.keyboard_buttons import KEYS, KeyboardButtons, keys_in
 from device_agent.adapters.presses import LONG_AFTER_S, PressTracker
 from device_agent.adapters.reopening import LONGEST_BACKOFF_S
 from device_agent.ports import Button, ButtonPress, PressKind
@@ -183,6 +183,7 @@ def test_a_terminal_gives_its_keys_at_once_and_is_put_back() -> None:
     sent = os.write(ours, b"x\x1b[Anm\nP\xff")
     eventually(lambda: waiting_bytes(theirs) == sent)
     assert kinds(buttons.pressed()) == [
+        (Button.PREVIOUS, PressKind.SHORT),
         (Button.NEXT, PressKind.SHORT),
         (Button.MAIN, PressKind.SHORT),
         (Button.MAIN, PressKind.SHORT),
@@ -204,3 +205,16 @@ def test_a_terminal_that_is_closed_is_an_error() -> None:
         buttons.pressed()
     buttons.close()
     os.close(ours)
+
+
+def test_an_arrow_that_comes_in_pieces_is_one_key_and_other_keys_are_none() -> None:
+    assert keys_in("\x1b[") == ([], "\x1b[")
+    assert keys_in("\x1b[C") == ([(Button.NEXT, PressKind.SHORT)], "")
+    assert keys_in("\x1b") == ([], "\x1b"), "the escape key, or the beginning of an arrow"
+    assert keys_in("\x1br") == ([(Button.REPEAT, PressKind.SHORT)], "")
+    assert keys_in("\x1b[3~w") == ([(Button.REPEAT, PressKind.LONG)], "")
+
+
+def test_every_button_has_a_short_and_a_long_press_on_keyboard_and_input_device() -> None:
+    assert set(KEYS.values()) == {(button, kind) for button in Button for kind in PressKind}
+    assert set(KEY_BUTTONS.values()) == set(Button)

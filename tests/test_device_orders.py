@@ -10,7 +10,8 @@ import pytest
 
 from device_agent.adapters.fakes import FakeLocalizer
 from device_agent.orders import at_rest, carry_out
-from device_agent.state import DeviceState, Notice, PreparedMap, StoreGraph, StoreSettings, SwapMap
+from device_agent.state import DeviceState, Happened, Notice, PreparedMap, StoreGraph, StoreSettings, SwapMap
+from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site
@@ -30,18 +31,18 @@ from navcore.wire import (
 
 
 @pytest.fixture
-def idle(small_site: Site) -> DeviceState:
-    return DeviceState(Settings(), small_site.poi_graph, "small", "old")
+def ready(small_site: Site) -> DeviceState:
+    return DeviceState(Settings(), small_site.poi_graph, "small", "old", mode=Mode.READY)
 
 
 @pytest.fixture
-def guiding(idle: DeviceState) -> DeviceState:
+def guiding(ready: DeviceState) -> DeviceState:
     route = Route(np.zeros((1, 2)), np.zeros(1))
-    return replace(idle, mode="guiding", destination_id="b", route=route, route_version=1)
+    return replace(ready, mode=Mode.GUIDING, destination_id="b", route=route, route_version=1)
 
 
-def test_a_settings_change_runs_whole_or_not_at_all(idle: DeviceState) -> None:
-    state, effects = carry_out(idle, ApplySettings(8, {"follower.sub_goal_distance_m": 2.5}), 0.0)
+def test_a_settings_change_runs_whole_or_not_at_all(ready: DeviceState) -> None:
+    state, effects = carry_out(ready, ApplySettings(8, {"follower.sub_goal_distance_m": 2.5}), 0.0)
     assert state.settings.follower.sub_goal_distance_m == 2.5
     assert [type(effect) for effect in effects] == [StoreSettings, SettingsRunning]
     assert effects[1] == SettingsRunning(8, state.settings.values())
@@ -55,12 +56,12 @@ def test_a_settings_change_runs_whole_or_not_at_all(idle: DeviceState) -> None:
     assert "gate.clearance_m cannot be 99.0" in answer.refusal
 
 
-def test_a_graph_is_taken_at_once_only_when_nobody_is_led(idle: DeviceState, guiding: DeviceState) -> None:
-    graph = PoiGraph(version=5, pois=idle.graph.pois)
-    state, effects = at_rest(carry_out(idle, PublishGraph(graph), 0.0)[0])
+def test_a_graph_is_taken_at_once_only_when_nobody_is_led(ready: DeviceState, guiding: DeviceState) -> None:
+    graph = PoiGraph(version=5, pois=ready.graph.pois)
+    state, effects = at_rest(carry_out(ready, PublishGraph(graph), 0.0)[0])
     assert state.graph is graph
     assert [type(effect) for effect in effects] == [StoreGraph, GraphRunning]
-    for leading in (guiding, replace(guiding, mode="paused")):
+    for leading in (guiding, replace(guiding, mode=Mode.PAUSED)):
         waiting, effects = at_rest(carry_out(leading, PublishGraph(graph), 0.0)[0])
         assert waiting.graph is guiding.graph
         assert effects == ()
@@ -68,13 +69,13 @@ def test_a_graph_is_taken_at_once_only_when_nobody_is_led(idle: DeviceState, gui
         taken, effects = at_rest(cleared)
         assert taken.graph is graph
         assert effects[-1] == GraphRunning(5)
-        assert at_rest(replace(waiting, mode="arrived"))[0].graph is graph
+        assert at_rest(replace(waiting, mode=Mode.ARRIVED))[0].graph is graph
 
 
-def test_an_unsound_graph_is_refused(idle: DeviceState) -> None:
-    graph = PoiGraph(2, idle.graph.pois, {"x": Edge("x", "a", "gone", ((0.0, 0.0), (1.0, 0.0)), 1.0)})
-    state, (answer,) = carry_out(idle, PublishGraph(graph), 0.0)
-    assert state is idle
+def test_an_unsound_graph_is_refused(ready: DeviceState) -> None:
+    graph = PoiGraph(2, ready.graph.pois, {"x": Edge("x", "a", "gone", ((0.0, 0.0), (1.0, 0.0)), 1.0)})
+    state, (answer,) = carry_out(ready, PublishGraph(graph), 0.0)
+    assert state is ready
     assert isinstance(answer, GraphRunning)
     assert (answer.version, "edge x" in answer.refusal) == (1, True)
 
@@ -93,22 +94,25 @@ def test_a_map_is_swapped_only_at_rest_and_forgets_the_old_frame_of_reference(
     assert effects[1:] == (MapRunning("new"), GraphRunning(1))
 
 
-def test_pause_and_resume_only_where_they_make_sense(idle: DeviceState, guiding: DeviceState) -> None:
-    assert carry_out(idle, Pause(), 0.0) == (idle, ())
-    assert carry_out(idle, Resume(), 0.0) == (idle, ())
+def test_pause_and_resume_only_where_they_make_sense(ready: DeviceState, guiding: DeviceState) -> None:
+    for order in (Pause(), Resume()):
+        state, (told, for_the_record) = carry_out(ready, order, 0.0)
+        assert state.mode is Mode.READY
+        assert told == Notice("You are not being led.", answers=True)
+        assert isinstance(for_the_record, Happened)
     paused = carry_out(guiding, Pause(), 0.0)[0]
-    assert paused.mode == "paused"
+    assert paused.mode is Mode.PAUSED
     resumed = carry_out(paused, Resume(), 0.0)[0]
-    assert (resumed.mode, resumed.wanted_id) == ("guiding", "b")
+    assert (resumed.mode, resumed.wanted_id) == (Mode.GUIDING, "b")
 
 
 def test_whoever_is_on_their_way_is_led_on_until_the_new_way_exists(guiding: DeviceState) -> None:
     state, effects = carry_out(guiding, SetDestination("elsewhere"), 0.0)
     assert (state.route, state.destination_id, state.wanted_id) == (guiding.route, "b", "elsewhere")
-    assert effects == ()
+    assert effects == (Notice("The console leads you to elsewhere.", answers=True),)
 
 
-def test_a_message_is_spoken(idle: DeviceState) -> None:
-    state, effects = carry_out(idle, Say("Lunch is ready."), 0.0)
-    assert state is idle
+def test_a_message_is_spoken(ready: DeviceState) -> None:
+    state, effects = carry_out(ready, Say("Lunch is ready."), 0.0)
+    assert state is ready
     assert effects[0] == Notice("Lunch is ready.")

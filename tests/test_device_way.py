@@ -12,6 +12,7 @@ from device_agent.orders import at_rest, carry_out
 from device_agent.state import DeviceState, Happened, Notice, Step
 from device_agent.way import plan_if_needed
 from navcore.angles import world_angle
+from navcore.modes import Mode
 from navcore.planning import edits
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
@@ -101,7 +102,7 @@ def test_where_there_is_no_other_way_it_says_so_once_and_goes_on_waiting():
     assert heard(step) == ["The way is blocked, and there is no other. Wait, or ask for help."]
     state = step[0]
     assert stops(state) == ["b"], "the old way is kept: what blocks it may go away"
-    assert state.mode == "guiding"
+    assert state.mode is Mode.GUIDING
     assert plan_if_needed(state, at(2.0), HOLD_S + 1.0)[1] == ()
     assert heard(plan_if_needed(state, at(2.0), HOLD_S + SETTINGS.planning.blocked_memory_s)), "said again at last"
     walking, _ = plan_if_needed(standing(state, Action.WALK, Reason.OK, 0.0), at(2.0), HOLD_S + 2.0)
@@ -147,7 +148,7 @@ def test_an_edge_that_is_closed_under_way_is_not_walked_any_more():
     state, effects = plan_if_needed(step[0], at(2.0), 5.1)
     assert stops(state) == ["a", "d", "c"]
     assert any(isinstance(effect, RouteChanged) for effect in effects)
-    rested, effects = at_rest(replace(state, mode="arrived"))
+    rested, effects = at_rest(replace(state, mode=Mode.ARRIVED))
     assert rested.graph is closed
     assert any(isinstance(effect, GraphRunning) and effect.version == closed.version for effect in effects)
 
@@ -163,10 +164,10 @@ def test_whoever_is_on_the_edge_that_is_closed_goes_back():
 def test_where_the_closed_edge_was_the_only_way_it_says_so_and_stops():
     state, _ = published(leading(ring("ab", "bc"), goal="c"), edits.set_edge(ring("ab", "bc"), "bc", closed=True))
     step = plan_if_needed(state, at(2.0), 5.1)
-    assert step[0].mode == "idle"
+    assert step[0].mode is Mode.READY
     assert heard(step) == ["C cannot be reached: the way between B and C is closed."]
     on_it, _ = published(leading(ring("ab", "bc"), goal="c"), edits.set_edge(ring("ab", "bc"), "ab", closed=True))
-    assert plan_if_needed(on_it, at(2.0), 5.1)[0].mode == "idle", "nor is the walker led through it"
+    assert plan_if_needed(on_it, at(2.0), 5.1)[0].mode is Mode.READY, "nor is the walker led through it"
 
 
 def test_an_edge_elsewhere_that_is_closed_changes_nothing_for_the_walker():

@@ -368,7 +368,49 @@ def test_no_direction_is_walked_that_leaves_less_than_the_way_to_stop():
     result = decide(here, seen(here, *scene), before)
     if result.action is Action.WALK:
         walked = min(result.trace.candidates, key=lambda each: abs(each.angle - result.direction))
-        assert walked.clearance_m > 1.1 * SETTINGS.follower.reaction_s + 1.1**2 / 2.4
+        assert walked.clearance_m > 1.1 * SETTINGS.obstacle.slow_reaction_s + 1.1**2 / 2.4
+
+
+@pytest.mark.parametrize(("slow_s", "stops"), [(0.9, True), (0.3, False)])
+def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, stops: bool):
+    """At 0.8 m/s a wall 1.28 m ahead: enough for somebody who reacts at once, too little for one who does not."""
+    settings = SETTINGS.changed({
+        "obstacle.slow_reaction_s": slow_s, "obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8,
+    })  # fmt: skip
+    before, here = walking_at(0.8)
+    result = decide(here, seen(here, box(3.28, -3, 3.4, 3)), before, settings=settings)
+    assert (result.action is not Action.WALK) == stops
+
+
+def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed():
+    """At 0.4 m/s, told to walk a moment ago: before they react they are faster, and need more room than they show."""
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    before, here = walking_at(0.4)
+    found = seen(here, box(3.06, -3, 3.2, 3))
+    assert decide(here, found, before, settings=settings).action is not Action.WALK
+    told_to_stand = replace(before, action=Action.STOP, direction=None, reason=Reason.PAUSED)
+    assert decide(here, found, told_to_stand, settings=settings).action is Action.WALK
+
+
+def test_the_first_steps_of_who_stands_lead_where_they_are_free():
+    """A corner of a box ahead, 1.5 m away: the way beside it is turned to before the first step, not while walking."""
+    here = at(2.0, stamp_s=5.0)
+    scene = (box(-1, 1.3, 9, 1.5), box(-1, -1.5, 9, -1.3), box(3.5, -1.3, 3.9, -0.3))
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    result = decide(here, seen(here, *scene), stood)
+    assert result.trace.nearest_ahead_m == pytest.approx(1.5, abs=0.1)
+    assert result.action is Action.TURN
+    faced = min(result.trace.candidates, key=lambda each: abs(each.angle - result.direction))
+    assert faced.clearance_m > 1.6
+
+
+def test_a_destination_before_a_wall_is_led_to():
+    """0.45 m from a wall: whoever has arrived is stopped before it, so no margin is asked for beyond it."""
+    route = route_along((0, 0), (8, 0))
+    for x_m in np.arange(5.0, 6.9, 0.2):
+        here = at(float(x_m))
+        found = seen(here, box(8.45, -3, 8.6, 3), box(-1, 0.9, 9, 1.0), box(-1, -1.0, 9, -0.9))
+        assert decide(here, found, route=route).action is Action.WALK, x_m
 
 
 def test_a_wanted_way_whose_beginning_is_not_known_is_a_lost_pose():

@@ -75,6 +75,14 @@ def test_a_low_thing_is_remembered_longer_than_somebody_who_may_have_walked_on()
         assert bool(len(memory.cell)) is remembered
 
 
+def test_who_stands_before_something_low_is_not_sent_over_it_however_long_they_stand() -> None:
+    memory = walked_up((LOW_BOX,), np.arange(0.0, 1.7, 0.1))
+    now, pose = seen((LOW_BOX,), 1.9)
+    for seconds, remembered in ((60.0, True), (130.0, False)):
+        later = remember(memory, now, pose, 1.6 + seconds)
+        assert (with_memory(now, later, pose, SETTINGS).nearest_ahead_m is not None) is remembered
+
+
 def test_what_was_seen_once_only_may_be_noise() -> None:
     memory = walked_up((LOW_BOX,), [0.8])
     now, pose = seen((), 1.7)
@@ -150,9 +158,28 @@ def test_it_is_forgotten_when_the_rangefinder_hears_farther_there_or_in_time() -
     memory = heard(1.0, pose, heard(1.0, pose), now_s=0.1)
     assert len(memory.cell)
     assert len(heard(4.25, pose, memory, now_s=0.2).cell) == len(memory.cell), "one echo that fails says nothing"
-    assert not len(heard(4.25, pose, memory, now_s=0.8).cell)
+    left = heard(4.25, pose, memory, now_s=0.8)
+    bearings_rad = np.arctan2(left.places_m[:, 1], left.places_m[:, 0])
+    assert (np.abs(bearings_rad) > HALF_FIELD_RAD).all(), "only beside the field, where nothing has listened"
+    assert len(left.cell) < len(memory.cell)
     assert len(heard(None, pose, memory, now_s=5.0).cell), "a rangefinder that fails shows nothing to be free"
     assert not len(heard(None, pose, memory, now_s=20.0).cell)
+
+
+def test_what_was_heard_often_is_remembered_for_as_long_as_going_round_it_takes() -> None:
+    pose = Pose2D(0.0, 0.0, world_angle(0.0))
+    memory = heard(1.0, pose)
+    for k in range(1, 6):
+        memory = heard(1.0, pose, memory, now_s=0.1 * k)
+    assert len(heard(None, pose, memory, now_s=30.0).cell) == len(memory.cell)
+    assert not len(heard(None, pose, memory, now_s=45.0).cell)
+
+
+def test_what_is_heard_may_reach_beyond_the_field() -> None:
+    """A pane has no edge that could be heard."""
+    pose = Pose2D(0.0, 0.0, world_angle(0.0))
+    aside_m = np.abs(heard(1.0, pose).places_m[:, 1]).max()
+    assert aside_m > math.sin(HALF_FIELD_RAD) + 0.1
 
 
 def test_what_the_image_shows_as_well_is_not_remembered_twice() -> None:

@@ -72,3 +72,18 @@ def test_nobody_steps_into_the_walkers_way_right_before_them(speed_m_s: float, g
         nearest_m = min(nearest_m, math.hypot(placement.x_m - walker_x, placement.y_m))
     assert nearest_m > 0.6
     assert placement.y_m > 1.0, "afterwards they go on"
+
+
+def test_who_is_in_the_lane_stands_before_somebody_who_comes_at_a_slant() -> None:
+    """The walker comes towards them at 0.9 m/s and crosses their way: to go on would leave no room."""
+    angle_rad = math.radians(22.0)
+    vx_m_s, vy_m_s = 0.9 * math.cos(angle_rad), 0.9 * math.sin(angle_rad)
+    courtesy, nearest_m = Courtesy(), math.inf
+    for k in range(100):
+        placement = beside_path(Placement(3.0 - (k * DT_S - courtesy.waited_s), 0.7, math.pi), courtesy)
+        assert placement is not None
+        seen = Seen(vx_m_s * k * DT_S, vy_m_s * k * DT_S, vx_m_s, vy_m_s)
+        courtesy = given_way(courtesy, placement, seen, lambda _x, _y: False, DT_S)
+        nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
+    assert courtesy.waited_s > 0.5
+    assert nearest_m > 0.3

@@ -19,6 +19,7 @@ from console.view_requests import FlyToPoi
 from console.viewer.live_view import LiveView, Trail
 from console.viewer.scene import Scene, decoded
 from console.viewer.walker_panel import status
+from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.wire import (
@@ -26,6 +27,7 @@ from navcore.wire import (
     ClearDestination,
     Hello,
     Pause,
+    Repeat,
     RouteChanged,
     SetDestination,
     SettingsRunning,
@@ -39,7 +41,7 @@ def state_at(stamp_s: float, x_m: float = 2.0, y_m: float = 0.5, heading_rad: fl
         stamp_s, "localized", "walk", "ok", pose=(x_m, y_m, 1.6, heading_rad), position_std_m=0.05,
         direction_rad=0.2, sub_goal=(5.0, 0.0), sub_goal_case=1, sonar_state="ok", sonar_m=1.5,
         candidates=(WireCandidate(-0.2, 3.0), WireCandidate(0.3, 2.0)), last_cue="Go straight.",
-        last_cue_stamp_s=stamp_s - 1.0, mode="guiding", destination_id="bar",
+        last_cue_stamp_s=stamp_s - 1.0, mode=Mode.GUIDING, destination_id="bar",
     )  # fmt: skip
 
 
@@ -129,7 +131,7 @@ def test_a_device_that_is_gone_is_never_shown_as_live(browser: FakeBrowser, devi
 
 def test_a_lost_pose_shows_no_walker_at_all(browser: FakeBrowser, device: LiveDevice) -> None:
     draw(browser, view_of(device, 100.1))
-    lost = dataclasses.replace(device, state=WalkerState(100.2, "lost", "stop", "pose_lost"))
+    lost = dataclasses.replace(device, state=WalkerState(100.2, "lost", "stop", "pose_lost", mode=Mode.LOST))
     draw(browser, view_of(lost, 100.3))
     assert not node(browser, "/walker").visible
     assert not node(browser, "/live/position").visible
@@ -192,8 +194,9 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     browser.set_widget("Guide the walker here", True)
     browser.set_widget("Guidance", "Pause")
     browser.set_widget("Guidance", "Stop")
+    browser.set_widget("Guidance", "Repeat")
     assert outlet.sent[:1] == [SetDestination("bar")]
-    assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination]
+    assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination, Repeat]
 
 
 @pytest.mark.parametrize("browser", ["viewer", "technician"], indirect=True)
@@ -319,3 +322,14 @@ def test_a_window_can_hide_a_layer_for_itself(browser: FakeBrowser) -> None:
     assert (visible("/map/cloud"), visible("/map/ceiling")) == (False, True)
     shared = browser.scene.embedded.server.scene
     assert shared.get_handle_by_name("/map/cloud").visible, "the others still see it"
+
+
+@pytest.mark.parametrize("mode", Mode)
+def test_every_state_of_a_device_has_a_clear_label_in_the_scenes_panel(mode: Mode) -> None:
+    action = "walk" if mode is Mode.GUIDING else "stop"
+    state = WalkerState(100.0, "localized", action, "ok", direction_rad=0.0, mode=mode)
+    hello = Hello(2, "glasses", "0.1", "site", "x", 1, 0, 100.0)
+    device = LiveDevice("glasses", "Glasses", hello, True, 100.0, 0.0, state=state)
+    shown = status(view_of(device, 100.0), PoiGraph())
+    assert mode.label in shown
+    assert f">{mode.value}<" not in shown, "people read no identifiers"

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from navcore import wire
 from navcore.errors import WireError
+from navcore.modes import Mode
 from navcore.planning.poi_graph import Poi, PoiGraph
 
 UP: list[wire.DeviceMessage] = [
@@ -16,7 +17,7 @@ UP: list[wire.DeviceMessage] = [
         2.0, "localized", "walk", "ok", "Eq. 4",
         (1.0, 2.0, 1.6, 0.3), 0.02, 80, 0.1, 0.4, (3.0, 2.0), 1,
         (wire.WireCandidate(0.1, 3.0),), 0.2, 5.0, None, "ok", 3.2, 0.8,
-        "Move forward.", 1.9, 8.0, 10.0, "guiding", "bar",
+        "Move forward.", 1.9, 8.0, 10.0, Mode.GUIDING, "bar",
     ),
     wire.DepthImage(2.0, b"\xff\xd8"),
     wire.RouteChanged(2.0, ((0.0, 0.0), (0.1, 0.0)), (("Bar", 0.1),), "bar"),
@@ -32,6 +33,7 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.ClearDestination(),
     wire.Pause(),
     wire.Resume(),
+    wire.Repeat(),
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),
     wire.PublishGraph(PoiGraph(1, {"a": Poi("a", "A", "room", 0.0, 0.0)})),

@@ -16,11 +16,14 @@ from console.viewer.live_view import LiveView, direction_words, reason_sentence
 from console.viewer.widgets import nothing, on_change, on_choice, on_press, set_value
 from console.viewer.wording import status_card
 from navcore.errors import VbrError
+from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import WalkerState
 
 Tell = Callable[[str, str], None]
 _NOWHERE = "– choose –"
+_LED = (Mode.GUIDING, Mode.LOST, Mode.FAULT)
+"""States in which guidance's own words say more than the state."""
 
 
 class WalkerPanel:
@@ -39,11 +42,11 @@ class WalkerPanel:
         self._may_guide = person.role in EDITING
         self._target = gui.add_dropdown("Guide to", (_NOWHERE,), visible=self._may_guide)
         self._guide = gui.add_button("Guide the walker there", icon=viser.Icon.NAVIGATION, visible=self._may_guide)
-        self._pause = gui.add_button_group("Guidance", ("Pause", "Resume", "Stop"), visible=self._may_guide)
+        self._pause = gui.add_button_group("Guidance", ("Pause", "Resume", "Stop", "Repeat"), visible=self._may_guide)
         on_change(self._devices, self._choose_device, nothing)
         on_press(self._guide, self._guide_there, nothing)
         who = person.user_name
-        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop": hub.clear}
+        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop": hub.clear, "Repeat": hub.repeat}
         on_choice(
             self._pause,
             {word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()},
@@ -126,6 +129,8 @@ def status(view: LiveView, graph: PoiGraph) -> str:
 
 
 def _heading(state: WalkerState) -> str:
+    if state.mode not in _LED:
+        return state.mode.label
     if state.action == "stop":
         return f"Stop. {reason_sentence(state)}"
     where = direction_words(state.direction_rad) if state.direction_rad is not None else ""
@@ -136,7 +141,7 @@ def _state_rows(state: WalkerState, graph: PoiGraph) -> list[tuple[str, str]]:
     quality = {"localized": "sure", "uncertain": "uncertain", "lost": "LOST"}[state.quality]
     place = f" (± {state.position_std_m * 100:.0f} cm)" if state.position_std_m is not None else ""
     target = graph.pois.get(state.destination_id or "")
-    rows = [("Guidance", state.mode), ("Position", quality + place)]
+    rows = [("State", state.mode.label), ("Position", quality + place)]
     if target is not None:
         left = f", {state.remaining_m:.1f} m to go" if state.remaining_m is not None else ""
         rows.append(("Going to", target.name + left))

@@ -40,6 +40,8 @@ KEY_BUTTONS: Mapping[int, Button] = {
     114: Button.PREVIOUS,  # KEY_VOLUMEDOWN
     165: Button.PREVIOUS,  # KEY_PREVIOUSSONG
     0x102: Button.PREVIOUS,  # BTN_2
+    439: Button.REPEAT,  # KEY_MEDIA_REPEAT
+    0x103: Button.REPEAT,  # BTN_3
 }
 _MAX_READ_EVENTS = 64
 _MAX_READS = 16

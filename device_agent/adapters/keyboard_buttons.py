@@ -1,4 +1,4 @@
-"""Buttons for the demo: keys of the terminal. A terminal tells no release, so a long press is the capital letter."""
+"""Buttons for the demo: keys of the terminal. A terminal tells no release, so a long press has a key of its own."""
 
 from __future__ import annotations
 
@@ -13,18 +13,40 @@ from collections.abc import Mapping
 from device_agent.ports import Button, ButtonPress, Clock, PressKind
 from navcore.errors import SensorError
 
-HELP = "Buttons: m (or Enter), n, p are main, next, previous; M, N, P hold them."
 KEYS: Mapping[str, tuple[Button, PressKind]] = {
+    " ": (Button.MAIN, PressKind.SHORT),
     "m": (Button.MAIN, PressKind.SHORT),
     "\n": (Button.MAIN, PressKind.SHORT),
     "\r": (Button.MAIN, PressKind.SHORT),
+    "s": (Button.MAIN, PressKind.LONG),
     "M": (Button.MAIN, PressKind.LONG),
+    "\x1b[C": (Button.NEXT, PressKind.SHORT),
+    "\x1b[B": (Button.NEXT, PressKind.SHORT),
     "n": (Button.NEXT, PressKind.SHORT),
+    "o": (Button.NEXT, PressKind.LONG),
     "N": (Button.NEXT, PressKind.LONG),
+    "\x1b[D": (Button.PREVIOUS, PressKind.SHORT),
+    "\x1b[A": (Button.PREVIOUS, PressKind.SHORT),
     "p": (Button.PREVIOUS, PressKind.SHORT),
     "P": (Button.PREVIOUS, PressKind.LONG),
+    "r": (Button.REPEAT, PressKind.SHORT),
+    "w": (Button.REPEAT, PressKind.LONG),
+    "R": (Button.REPEAT, PressKind.LONG),
 }
+"""What the terminal sends for a key, and what it means."""
+KEY_NAMES = (
+    ("space, Enter, m", "main: choose a place, pause, go on"),
+    ("s, M", "main, held: stop; off duty"),
+    ("→, ↓, n", "next place"),
+    ("←, ↑, p", "previous place"),
+    ("o, N", "next, held: places by name or by distance"),
+    ("r", "repeat: the last sentence again"),
+    ("w, R, P", "repeat (or previous), held: where am I"),
+)
+"""The keys as people read them."""
+HELP = "\n".join(["  Keys (click into this window first):", *(f"    {keys:16} {what}" for keys, what in KEY_NAMES)])
 _MAX_READ_BYTES = 64
+_LONGEST_KEY = 3
 
 
 class KeyboardButtons:
@@ -43,6 +65,7 @@ class KeyboardButtons:
         self._before = termios.tcgetattr(self._file) if os.isatty(self._file) else None
         if self._before is not None:
             tty.setcbreak(self._file, termios.TCSANOW)
+        self._rest = ""
         self._closed = False
 
     def pressed(self) -> tuple[ButtonPress, ...]:
@@ -56,7 +79,7 @@ class KeyboardButtons:
             raise SensorError("The keyboard has gone: start the device in a terminal again.") from error
         if waiting and not data:
             raise SensorError("The keyboard has gone: start the device in a terminal again.")
-        known = [KEYS[key] for key in data.decode("ascii", "ignore") if key in KEYS]
+        known, self._rest = keys_in(self._rest + data.decode("ascii", "ignore"))
         now_s = self._clock.now_s()
         return tuple(ButtonPress(now_s, button, kind) for button, kind in known)
 
@@ -66,3 +89,19 @@ class KeyboardButtons:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._file, termios.TCSANOW, self._before)
         self._closed = True
+
+
+def keys_in(text: str) -> tuple[list[tuple[Button, PressKind]], str]:
+    """Return the keys in what a terminal has sent, and the beginning of one that is not whole yet.
+
+    An arrow is three characters. Whatever is no key of ours is left out.
+    """
+    found: list[tuple[Button, PressKind]] = []
+    while text:
+        if len(text) < _LONGEST_KEY and "\x1b[".startswith(text):
+            return found, text
+        key = text[:_LONGEST_KEY] if text.startswith("\x1b[") else text[0]
+        if key in KEYS:
+            found.append(KEYS[key])
+        text = text[len(key) :]
+    return found, ""

@@ -12,9 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from device_agent.simulation.walker import WalkerBody
+from device_agent.state import ON_THE_WAY
 from device_agent.walk_measures import Sample
 from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS
+from navcore.modes import Mode
 from navcore.types import Action, LocalizationQuality, Reason, TurnKind
 
 _LONGEST_LEAP_M = 2.0
@@ -175,7 +177,7 @@ class Outcome:
 
 def outcome_of(samples: Sequence[Sample], cues: Sequence[Cue], body: WalkerBody, *, is_there: bool = True) -> Outcome:
     """Return what happened; ``is_there`` says whether the walker truly stands at the destination at the end."""
-    cycles = [sample.cycle for sample in samples if sample.mode in ("guiding", "arrived")]
+    cycles = [sample.cycle for sample in samples if sample.mode in (*ON_THE_WAY, Mode.ARRIVED)]
     guidances = [cycle.guidance for cycle in cycles]
     versions = {guidance.route_version for guidance in guidances if guidance.trace.closest_index is not None}
     sent_while_lost = sum(
@@ -183,8 +185,8 @@ def outcome_of(samples: Sequence[Sample], cues: Sequence[Cue], body: WalkerBody,
         and (cycle.guidance.action is Action.WALK or any(cue.kind in _SENDING for cue in cycle.cues))
         for cycle in cycles
     )
-    said_so = any(sample.mode == "arrived" for sample in samples)
-    led = [sample for sample in samples if sample.mode == "guiding"]
+    said_so = any(sample.mode is Mode.ARRIVED for sample in samples)
+    led = [sample for sample in samples if sample.mode in ON_THE_WAY]
     return Outcome(
         arrived=said_so and is_there,
         contacts=body.contacts,
@@ -231,7 +233,7 @@ def _longest_leap_m(samples: Sequence[Sample]) -> float:
     for sample in samples:
         guidance = sample.cycle.guidance
         left_m = guidance.trace.remaining_m
-        if sample.mode != "guiding" or left_m is None:
+        if sample.mode not in ON_THE_WAY or left_m is None:
             continue
         if before is not None and before[0] == guidance.route_version:
             longest_m = max(longest_m, abs(before[1] - left_m))

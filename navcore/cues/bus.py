@@ -2,7 +2,7 @@
 
 A higher priority cuts a lower one off; an instruction that was cut off is said again if it still holds; at the same
 level the newest is kept. Tones are short and come again by themselves: they never wait, and they do not cut into
-words, except that a steering tone cuts off announcements, which can wait.
+words, except that a steering tone cuts off announcements, which can wait, and answers, which can be asked for again.
 """
 
 from __future__ import annotations
@@ -96,4 +96,5 @@ def _best_tone(cues: tuple[Cue, ...], speaking: Cue | None) -> Cue | None:
 
 
 def _may_interrupt(tone: Cue, speaking: Cue) -> bool:
-    return tone.kind is CueKind.STEER and speaking.priority <= CuePriority.REASSURANCE
+    can_wait = speaking.priority <= CuePriority.REASSURANCE or speaking.kind is CueKind.ANSWER
+    return tone.kind is CueKind.STEER and can_wait

@@ -21,6 +21,8 @@ DEGREES_STEP_DEG = 5.0
 SMALLEST_TURN_DEG = 10.0
 """Nobody can turn by less to order: turns without vision err by several degrees."""
 _AROUND_DEG = 155.0
+_AHEAD_DEG = 15.0
+"""A place within this of straight ahead, or of straight behind, is said to be there."""
 
 
 def told_turn_deg(direction_rad: float, style: DirectionStyle) -> float:
@@ -55,6 +57,23 @@ def move_text(angle_deg: float, style: DirectionStyle, language: Language) -> st
     if angle_deg == 0.0:
         return TEXTS[language]["move_straight"]
     return _text("move", angle_deg, style, language)
+
+
+def place_direction_text(bearing_rad: float, style: DirectionStyle, language: Language) -> str:
+    """Return in which direction a place lies, in words: no instruction. Left is positive."""
+    angle_deg = (math.degrees(bearing_rad) + 180.0) % 360.0 - 180.0
+    texts, size_deg = TEXTS[language], abs(angle_deg)
+    if style == "clock":
+        return texts["at_clock"].format(hour=hour(angle_deg))
+    if size_deg < _AHEAD_DEG:
+        return texts["at_ahead"]
+    if size_deg > 180.0 - _AHEAD_DEG:
+        return texts["at_behind"]
+    side = _side(angle_deg)
+    if style == "degrees":
+        return texts[f"at_degrees_{side}"].format(degrees=round(DEGREES_STEP_DEG * round(size_deg / DEGREES_STEP_DEG)))
+    size = min(("half", "full", "sharp"), key=lambda each: abs(SIZES_DEG[each] - size_deg))
+    return texts[f"at_{size}_{side}"]
 
 
 def hour(angle_deg: float) -> int:

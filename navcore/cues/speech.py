@@ -73,20 +73,23 @@ def cues_for(
     return played, replace(memory, bus=heard)
 
 
-def say(text: str, memory: CueMemory, settings: Settings, now_s: float) -> tuple[tuple[Cue, ...], CueMemory]:
-    """Speak a sentence of a person at the console, or a notice of the device, as soon as nothing higher is heard."""
-    played, bus = cue_bus.play(memory.bus, [message_cue(now_s, text)], now_s, settings.cues.language, lambda _: True)
+def say(
+    text: str, memory: CueMemory, settings: Settings, now_s: float, kind: CueKind = CueKind.MESSAGE
+) -> tuple[tuple[Cue, ...], CueMemory]:
+    """Speak a sentence of a person at the console, or one of the device, as soon as nothing higher is heard."""
+    cue = Cue(now_s, kind, PRIORITY[kind], text)
+    played, bus = cue_bus.play(memory.bus, [cue], now_s, settings.cues.language, lambda _: True)
     memory, bus = _cut_off(memory, memory, played, bus, now_s)
     return played, replace(memory, bus=bus)
 
 
 def repeat_last(
-    guidance: Guidance, memory: CueMemory, settings: Settings, now_s: float
+    guidance: Guidance, memory: CueMemory, settings: Settings, now_s: float, otherwise: str = ""
 ) -> tuple[tuple[Cue, ...], CueMemory]:
-    """Say the last sentence again, where there is one that is still true."""
+    """Say the last sentence again, where there is one that is still true; else say something else, if anything."""
     last = memory.bus.repeatable
     if last is None or not _still_holds(last, guidance, settings):
-        return (), memory
+        return say(otherwise, memory, settings, now_s, CueKind.ANSWER) if otherwise else ((), memory)
     repeats = last.repeats or last.kind
     again = replace(last, stamp_s=now_s, angle_deg=None, kind=CueKind.MESSAGE, repeats=repeats)
     played, bus = cue_bus.play(memory.bus, [again], now_s, settings.cues.language, lambda _: True)
@@ -254,9 +257,19 @@ def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -
 def _cut_off(
     memory: CueMemory, before: CueMemory, played: tuple[Cue, ...], heard: CueBus, now_s: float
 ) -> tuple[CueMemory, CueBus]:
-    """Announcements do not wait. One of a place that other words have cut off is made anew, with a true distance."""
-    heard = replace(heard, waiting=tuple(cue for cue in heard.waiting if cue.kind not in ANNOUNCEMENTS))
+    """Announcements do not wait, nor does an answer that was begun: whoever wants to hear it again can ask again.
+
+    An announcement of a place that other words have cut off is made anew, with a true distance.
+    """
     cut = before.bus.speaking if before.bus.is_speaking(now_s) else None
+    heard = replace(
+        heard,
+        waiting=tuple(
+            cue
+            for cue in heard.waiting
+            if cue.kind not in ANNOUNCEMENTS and not (cue is cut and cue.kind is CueKind.ANSWER)
+        ),
+    )
     if cut is None or cut.kind not in (CueKind.POI_AHEAD, CueKind.HAZARD_AHEAD) or before.announcing is None:
         return memory, heard
     if all(cue.is_tone for cue in played):

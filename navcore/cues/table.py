@@ -9,6 +9,8 @@ import enum
 from dataclasses import dataclass
 from typing import Literal
 
+from navcore.modes import Mode
+
 Verbosity = Literal["brief", "normal", "full"]
 """How much is said; each level says all that the ones before it say."""
 VERBOSITIES: tuple[Verbosity, ...] = ("brief", "normal", "full")
@@ -53,6 +55,8 @@ class CueKind(enum.Enum):
     """Why the walker was stopped, in a full sentence, after the stop itself."""
     MESSAGE = "message"
     """A sentence from a person at the console, or a notice of the device (a sensor failed, a map was taken)."""
+    ANSWER = "answer"
+    """What the walker hears for pressing a button, or of an order from the console."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +81,20 @@ class CueEntry:
 
 _SIDES = ("left", "right")
 _SPOKEN = "speech, in the middle"
+
+_ANSWERS = (
+    *(f"mode_{mode.value}" for mode in Mode),
+    "on_duty", "off_duty", "map_begun", "map_ended", "destination", "destination_console",
+    *(f"refused_{why}" for why in (
+        "off_duty", "on_duty", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
+    )),
+    "menu_by_distance", "menu_by_name", "menu_entry", "menu_entry_here", "menu_entry_unknown", "menu_closed",
+    "menu_empty",
+    "where_here", "where_near", "where_goal", "where_next", "where_unknown", "where_last", "where_no_place",
+    "at_ahead", "at_behind", "at_clock", *(f"at_{size}_{side}" for size in ("degrees", "half", "full", "sharp")
+                                           for side in _SIDES),
+)  # fmt: skip
+"""What the device says of its state (``docs/states.md``), of places, and of where the walker is."""
 
 CUE_TABLE: dict[CueKind, CueEntry] = {
     CueKind.STOP: CueEntry(
@@ -122,11 +140,16 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "no", ("hazard_ahead", "hazard_ahead_named"),
     ),
     CueKind.MESSAGE: CueEntry(
-        CuePriority.OFF_ROAD, "A person at the console speaks, or the device tells what has changed.", _SPOKEN,
+        CuePriority.OFF_ROAD,
+        "A person at the console speaks, or the device tells what has changed.", _SPOKEN,
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew"),
+    ),
+    CueKind.ANSWER: CueEntry(
+        CuePriority.OFF_ROAD, "The device answers a button, or tells what was ordered.", _SPOKEN, "no other",
+        "no; not said again where an instruction has cut it off", _ANSWERS,
     ),
     CueKind.TURN_AHEAD: CueEntry(
         CuePriority.REASSURANCE, "The way bends so far ahead. Nothing is to be done yet.", _SPOKEN,

@@ -7,6 +7,8 @@ scan is of one image.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,6 +19,8 @@ from navcore.obstacle.polar_grid import MAX_RANGE_M, RANGE_STEP_M, PolarGrid, po
 from navcore.settings import ObstacleSettings
 from navcore.types import BearingState, CameraIntrinsics, DepthImage, ObstacleScan
 
+Scanner = Callable[[DepthImage, CameraIntrinsics, Transform | None, ObstacleSettings], ObstacleScan]
+"""What :func:`scan` is: a replay of a walk without pictures has another one."""
 _MIN_OBSTACLE_POINTS = 4
 """Points in a cell and the next one before something stands there: flying pixels and noise are fewer."""
 _MIN_DROP_POINTS = 8

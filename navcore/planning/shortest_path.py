@@ -21,6 +21,7 @@ from navcore.planning.poi_graph import PoiGraph
 
 IndexArray = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+_NO_GOAL = -1
 
 
 class Source(NamedTuple):
@@ -124,6 +125,16 @@ class Ways:
             return None
         return self._way(before, float(cost_m[goal]), goal, places, costs_m, known)
 
+    def costs_m(self, sources: Sequence[Source], usable: Mask) -> dict[str, float]:
+        """Return what the cheapest way from any of the sources to each PoI costs, where one leads there."""
+        known = [source for source in sources if source.poi_id in self.index_of]
+        places = np.array([self.index_of[source.poi_id] for source in known], dtype=np.int64)
+        costs_m = np.array([source.cost_m for source in known], dtype=np.float64)
+        _, cost_m = _astar(self.first, self.head, self.cost_m, usable, self.places_m, places, costs_m, _NO_GOAL)
+        return {
+            poi_id: float(each_m) for poi_id, each_m in zip(self.poi_ids, cost_m, strict=True) if math.isfinite(each_m)
+        }
+
     def _way(
         self, before: IndexArray, cost_m: float, goal: int, places: IndexArray, costs_m: FloatArray, known: list[int]
     ) -> Way:
@@ -149,7 +160,10 @@ def _astar(
     source_costs_m: FloatArray,
     goal: int,
 ) -> tuple[IndexArray, FloatArray]:
-    """Return the way by which each PoI was reached (n,), -1 for none, and the cost to it (n,), inf where unknown."""
+    """Return the way by which each PoI was reached (n,), -1 for none, and the cost to it (n,), inf where unknown.
+
+    Without a goal (-1) the search ends when all that can be reached has been: it is Dijkstra's then.
+    """
     count = places_m.shape[0]
     before = np.full(count, -1, dtype=np.int64)
     best_m = np.full(count, np.inf)
@@ -179,6 +193,8 @@ def _astar(
 
 @kernel
 def _straight_m(places_m: FloatArray, a: int, b: int) -> float:
+    if b < 0:
+        return 0.0
     return math.hypot(places_m[a, 0] - places_m[b, 0], places_m[a, 1] - places_m[b, 1])
 
 

@@ -91,6 +91,15 @@ class WayFinder:
                 return self._route(way, legs[way.source])
         raise PlanningError(self._why_unreachable(near, goal, blockages))
 
+    def costs_m(self, x_m: float, y_m: float, *, heading: WorldAngle | None = None) -> dict[str, float]:
+        """Return what the way from a position to each PoI costs: its length, where nothing makes it dearer.
+
+        PoIs to which no way leads are left out. Raises PlanningError away from the road.
+        """
+        near = self._likely(self._near(x_m, y_m, heading is not None), heading, None)
+        legs = [leg for start in near for leg in self._legs(start, ())]
+        return self._ways.costs_m([Source(leg.poi_id, leg.cost_m) for leg in legs], self._ways.usable())
+
     # ---------------------------------------------------------------------------------------------------- start
     def _destination(self, poi_id: str) -> Poi:
         goal = self.graph.pois.get(poi_id)

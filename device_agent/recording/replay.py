@@ -1,0 +1,384 @@
+"""The loop runs again on what it read then, and comes to the same guidance, bit for bit.
+
+The agent is the device's own; what it reads comes from a file: time, camera, rangefinder, orders, what the watchdog
+did. Without a map, poses and scans come from the file as well; with one (and a recording with pictures) they are
+computed again, and compared with those of then. Run under other settings, or by another version of the program, a
+replay shows what that would have changed, as far as a walker who went as they did then can show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TypeVar
+
+import numpy as np
+
+from device_agent.adapters.clocks import SteppedClock
+from device_agent.adapters.fakes import FakeOutput, NoUplink
+from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.cycle import Cycle
+from device_agent.loop import Ports
+from device_agent.orders import Order
+from device_agent.ports import Clock, CueOutput, LocalizerPort
+from device_agent.recording import exact
+from device_agent.recording.notes import CycleNotes, MapTaken, OrderTaken, Raised
+from device_agent.recording.reading import RecordedCycle, RecordedPart
+from device_agent.recording.tap import Tap
+from device_agent.state import PreparedMap
+from navcore.cues.table import Cue
+from navcore.errors import InputError, SensorError
+from navcore.geometry import Transform
+from navcore.settings import ObstacleSettings, Settings, SettingValue
+from navcore.site import Site
+from navcore.types import (
+    CameraIntrinsics,
+    DecisionTrace,
+    DepthImage,
+    Frame,
+    Guidance,
+    Localization,
+    ObstacleScan,
+    SonarReading,
+)
+from navcore.wire import decode_from_console
+
+T = TypeVar("T")
+MakeLocalizer = Callable[[CameraIntrinsics, Settings], LocalizerPort]
+_SEEN_WITH = ("localization.", "obstacle.")
+"""Settings that poses and scans were made with."""
+_NOT_NOTED = Raised("LookupError", "The recording does not tell.")
+_NO_COLOUR, _NO_DEPTH = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayedCycle:
+    """A cycle then, and now."""
+
+    notes: CycleNotes
+    """What was noted then."""
+    cycle: Cycle
+    cues: tuple[Cue, ...]
+    """All that the loop says now, notices included."""
+    differs_in: tuple[str, ...]
+    """What is not the same to the last bit: "guidance", "cues", "localization", "scan"."""
+
+
+def replay(
+    parts: Iterable[RecordedPart],
+    make_localizer: MakeLocalizer | None = None,
+    changes: Mapping[str, SettingValue] | None = None,
+) -> Iterator[ReplayedCycle]:
+    """Run the loop again through the files of one walk, in order.
+
+    Args:
+        parts: the files. From pictures, they begin with the walk's first one and none is missing between them.
+        make_localizer: computes the poses from pictures; None takes poses and scans from the recording.
+        changes: settings that differ from those of then.
+
+    Raises:
+        InputError: where what is needed is not in the files; the text says what to do.
+    """
+    changes = changes or {}
+    if make_localizer is None and any(key.startswith(_SEEN_WITH) for key in changes):
+        raise InputError(
+            "Poses and scans of a recording are those of then: to replay it under other settings of localization or"
+            " obstacles, name --site, and a recording with pictures."
+        )
+    run: _Run | None = None
+    for part in parts:
+        if make_localizer is None or run is None:
+            run = _Run(part, make_localizer, changes)
+        elif part.opening.walk_id != run.walk_id or part.opening.next_number != run.next_number:
+            raise InputError(f"{part.path} does not follow on what was replayed before: name every file of one walk.")
+        for recorded in part.cycles():
+            yield run.replayed(recorded)
+
+
+def cue_line(cue: Cue) -> dict[str, object]:
+    """Return a cue as a stored list of cues has it: to the millisecond and the tenth of a degree, so that another
+    processor's last bit is no difference."""
+    line: dict[str, object] = {"s": round(cue.stamp_s, 3), "kind": cue.kind.value}
+    if cue.text:
+        line["text"] = cue.text
+    for name, value in (("angle_deg", cue.angle_deg), ("distance_m", cue.distance_m), ("hz", cue.frequency_hz)):
+        if value is not None:
+            line[name] = round(value, 1)
+    return line
+
+
+def difference(cycle: ReplayedCycle) -> dict[str, object]:
+    """Return in words what a cycle came to then, and now."""
+    then, now = cycle.notes.guidance, cycle.cycle.guidance
+    return {
+        "cycle": cycle.notes.number,
+        "stamp_s": then.stamp_s,
+        "in": [*cycle.differs_in, *_fields_that_differ(then, now)],
+        "then": _in_words(then, cycle.notes.cues),
+        "now": _in_words(now, cycle.cues),
+    }
+
+
+def _fields_that_differ(then: Guidance, now: Guidance) -> list[str]:
+    """Name what is not the same in two decisions that may come to the same."""
+    outer = [(f"guidance.{each.name}", then, now, each.name) for each in fields(Guidance) if each.name != "trace"]
+    inner = [(f"trace.{each.name}", then.trace, now.trace, each.name) for each in fields(DecisionTrace)]
+    return [name for name, old, new, field in outer + inner if not exact.same(getattr(old, field), getattr(new, field))]
+
+
+def _in_words(guidance: Guidance, cues: tuple[Cue, ...]) -> str:
+    direction = "" if guidance.direction is None else f" {math.degrees(guidance.direction):+.1f}°"
+    said = "".join(f" “{cue.text}”" for cue in cues if cue.text)
+    return f"{guidance.action.value}{direction} ({guidance.reason.value}){said}"
+
+
+class _Run:
+    """An agent whose surroundings are a file."""
+
+    def __init__(
+        self, part: RecordedPart, make_localizer: MakeLocalizer | None, changes: Mapping[str, SettingValue]
+    ) -> None:
+        opening = part.opening
+        self.walk_id, self.next_number = opening.walk_id, opening.next_number
+        self._from_pictures = make_localizer is not None
+        self._intrinsics = opening.intrinsics
+        state = replace(opening.state, settings=opening.state.settings.changed(changes))
+        if opening.waiting_map is not None:
+            state = replace(state, waiting_map=self._prepared(opening.waiting_map))
+        localizer: LocalizerPort = _NoLocalizer()
+        if make_localizer is not None:
+            localizer = _rehearsed(part, make_localizer(opening.intrinsics, state.settings))
+        self._tap = _ReplayTap(self._from_pictures)
+        parts = DeviceParts(
+            SteppedClock(), _ReplayedCamera(self._tap, opening.intrinsics), _ReplayedSonar(self._tap), FakeOutput(),
+            NoUplink(), lambda *_: localizer, tap=self._tap,
+        )  # fmt: skip
+        self._agent = DeviceAgent(parts, state, localizer, opening.voice)
+
+    def replayed(self, recorded: RecordedCycle) -> ReplayedCycle:
+        """Run one cycle, and compare."""
+        notes = recorded.notes
+        if notes.number != self.next_number:
+            raise InputError(
+                f"Cycle {self.next_number} is missing from the recording: it was changed by something else."
+            )
+        self.next_number += 1
+        if self._from_pictures and notes.frame is not None and recorded.frame is None:
+            raise InputError(
+                f"Cycle {notes.number} has no pictures: they were not recorded, or the disk was too slow for them."
+                " Replay without --site, from poses and scans."
+            )
+        self._tap.load(recorded)
+        for order in notes.orders:
+            self._agent.submit(self._order(order))
+        cycle = self._agent.run_cycle()
+        cues = tuple(self._tap.cues)
+        pairs = {
+            "localization": (self._tap.located, notes.localization), "scan": (self._tap.seen, notes.scan),
+            "guidance": (cycle.guidance, notes.guidance), "cues": (cues, notes.cues),
+        }  # fmt: skip
+        differs_in = tuple(name for name, (now, then) in pairs.items() if not exact.same(now, then))
+        return ReplayedCycle(notes, cycle, cues, differs_in)
+
+    def _order(self, order: OrderTaken) -> Order:
+        if order.message is not None:
+            return decode_from_console(order.message)
+        if (local := order.lead or order.press) is not None:
+            return local
+        if order.map is None:
+            raise InputError(f"An order of the kind {order.kind} cannot be replayed: replay the walk up to there.")
+        if self._from_pictures:
+            raise InputError("The map was changed during this walk: replay it without --site, from poses and scans.")
+        return self._prepared(order.map)
+
+    def _prepared(self, taken: MapTaken) -> PreparedMap:
+        empty = np.zeros((0, 3))
+        site = Site(
+            taken.site_id, taken.name, self._intrinsics, {}, (), empty.astype(np.float32), empty.astype(np.uint8),
+            taken.graph,
+        )  # fmt: skip
+        return PreparedMap(Path(), taken.checksum, site, _NoLocalizer())
+
+
+def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:
+    """Bring the localizer to where it was before the first cycle."""
+    if part.description.get("pictures") != "yes":
+        raise InputError(f"{part.path} has no pictures: replay it without --site, from poses and scans.")
+    if part.opening.next_number != 1:
+        raise InputError(
+            f"{part.path} is not the first file of its walk, and what the localizer remembered is in no file: name the"
+            " walk's files from 001 on, or replay without --site, from poses and scans."
+        )
+    frame = part.rehearsal()
+    if frame is not None:
+        localizer.locate(frame)
+    return localizer
+
+
+class _ReplayTap(Tap):
+    """Gives the loop what was noted, each thing as often as it asked for it then."""
+
+    def __init__(self, from_pictures: bool) -> None:
+        self.from_pictures = from_pictures
+        self._now_s: Iterator[float] = iter(())
+        self._stale_s: Iterator[float] = iter(())
+        self._stop_counts: Iterator[int] = iter(())
+        self._last_now_s, self._last_stale_s, self._last_stop_count = 0.0, -np.inf, 0
+        self.recorded: RecordedCycle | None = None
+        self.cues: list[Cue] = []
+        self.located: Localization | None = None
+        """The pose of this cycle's frame."""
+        self.seen: ObstacleScan | None = None
+        """The scan of this cycle's image."""
+
+    def load(self, recorded: RecordedCycle) -> None:
+        """Make ready for a cycle."""
+        notes = recorded.notes
+        self.recorded, self.cues, self.located, self.seen = recorded, [], None, None
+        self._now_s, self._stale_s, self._stop_counts = iter(notes.now_s), iter(notes.stale_s), iter(notes.stop_counts)
+
+    @property
+    def notes(self) -> CycleNotes:
+        """What was noted of the cycle that runs."""
+        assert self.recorded is not None, "a cycle is loaded before it runs"
+        return self.recorded.notes
+
+    # Another version of the loop may ask more often than it did then: the last answer still holds.
+    def now_s(self) -> float:
+        """Return what the clock said."""
+        self._last_now_s = next(self._now_s, self._last_now_s)
+        return self._last_now_s
+
+    def stale_s(self) -> float:
+        """Return when the watchdog had last found guidance stale."""
+        self._last_stale_s = next(self._stale_s, self._last_stale_s)
+        return self._last_stale_s
+
+    def stops(self) -> int:
+        """Return how often the watchdog had spoken."""
+        self._last_stop_count = next(self._stop_counts, self._last_stop_count)
+        return self._last_stop_count
+
+    def clock(self, clock: Clock) -> Clock:
+        """Give the time of then."""
+        return _ReplayedClock(self)
+
+    def voice_output(self, output: CueOutput) -> CueOutput:
+        """Keep what is said."""
+        return _ReplayedOutput(self)
+
+    def stop_count(self, count: Callable[[], int]) -> Callable[[], int]:
+        """Give what the watchdog did then."""
+        return self.stops
+
+    def ports(self, ports: Ports) -> Ports:
+        """Give what was read then."""
+        scan = ports.scan
+
+        def seen(
+            depth_m: DepthImage,
+            intrinsics: CameraIntrinsics,
+            world_from_camera: Transform | None,
+            settings: ObstacleSettings,
+        ) -> ObstacleScan:
+            if self.from_pictures:
+                self.seen = scan(depth_m, intrinsics, world_from_camera, settings)
+            else:
+                self.seen = _given(self.notes.scan, self.notes.scan_error)
+            return self.seen
+
+        return replace(ports, localizer=_ReplayedLocalizer(self, ports.localizer), scan=seen, stale_s=self.stale_s)
+
+
+def _given(value: T | None, error: Raised | None) -> T:
+    if value is None:
+        raise (error or _NOT_NOTED).error()
+    return value
+
+
+class _ReplayedClock:
+    def __init__(self, tap: _ReplayTap) -> None:
+        self._tap = tap
+
+    def now_s(self) -> float:
+        """Seconds."""
+        return self._tap.now_s()
+
+    def sleep_until(self, stamp_s: float) -> None:
+        """Nobody waits in a replay."""
+
+
+class _ReplayedCamera:
+    def __init__(self, tap: _ReplayTap, intrinsics: CameraIntrinsics) -> None:
+        self._tap, self._intrinsics = tap, intrinsics
+
+    @property
+    def intrinsics(self) -> CameraIntrinsics:
+        """The camera of then."""
+        return self._intrinsics
+
+    def read(self) -> Frame:
+        """Return the frame, with its pictures where they are there; raise what was raised."""
+        notes = self._tap.notes
+        given = _given(notes.frame, notes.camera_error)
+        assert self._tap.recorded is not None
+        return self._tap.recorded.frame or Frame(given.stamp_s, _NO_COLOUR, _NO_DEPTH, None, given.gravity)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class _ReplayedSonar:
+    def __init__(self, tap: _ReplayTap) -> None:
+        self._tap = tap
+
+    def read(self) -> SonarReading:
+        """Return the reading; raise what was raised."""
+        return _given(self._tap.notes.sonar, self._tap.notes.sonar_error)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class _ReplayedLocalizer:
+    def __init__(self, tap: _ReplayTap, localizer: LocalizerPort) -> None:
+        self._tap, self._localizer = tap, localizer
+
+    def locate(self, frame: Frame) -> Localization:
+        """Return the pose of then, or the one that the pictures show; raise what was raised."""
+        notes = self._tap.notes
+        if self._tap.from_pictures:
+            self._tap.located = self._localizer.locate(frame)
+        else:
+            self._tap.located = _given(notes.localization, notes.localization_error)
+        return self._tap.located
+
+    def apply(self, settings: Settings) -> None:
+        """Run other settings from the next frame on."""
+        self._localizer.apply(settings)
+
+
+class _ReplayedOutput:
+    def __init__(self, tap: _ReplayTap) -> None:
+        self._tap = tap
+
+    def play(self, cue: Cue) -> None:
+        """Keep the cue; raise what was raised."""
+        self._tap.cues.append(cue)
+        failed = dict(self._tap.notes.play_errors).get(len(self._tap.cues) - 1)
+        if failed is not None:
+            raise failed.error()
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
+class _NoLocalizer:
+    def locate(self, frame: Frame) -> Localization:
+        """Nothing is located where poses come from the recording."""
+        raise SensorError("There is no map in a replay without pictures.")
+
+    def apply(self, settings: Settings) -> None:
+        """There is nothing to set."""

@@ -1,0 +1,254 @@
+"""The files of a walk: which one is written, when the next one begins, which old ones go, and what if the disk fails.
+
+A walk is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. A
+file ends when it is large or old enough, or where cycles are missing; old files go when all together are too large, or
+after some days. Only files of this kind are ever removed, and never the one that is written.
+"""
+
+from __future__ import annotations
+
+import errno
+import logging
+import os
+import re
+import shutil
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
+from importlib import metadata
+from pathlib import Path
+from typing import BinaryIO
+
+from device_agent.recording.notes import FrameNotes, MapTaken, Opening
+from device_agent.recording.options import RecordingOptions
+from device_agent.recording.part_writer import DiskSync, PartWriter, create
+from device_agent.recording.transcript import CycleItem, Message, Transcript
+from navcore.errors import InputError
+from navcore.types import CameraIntrinsics, Frame
+
+FORMAT_VERSION = 1
+FLUSH_EVERY_S = 0.5
+"""So often everything is handed to the operating system; a crash loses less than a second."""
+SYNC_EVERY_S = 1.0
+RETRY_AFTER_S = 30.0
+_PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,60})-(?P<part>[0-9]{3,6})\.mcap")
+_MAX_EARLY = 256
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True)
+class PartName:
+    """What the name of a file says."""
+
+    walk_id: str
+    part: int
+
+    @staticmethod
+    def of(path: Path) -> PartName | None:
+        """Return what a file's name says; None where it is no file of ours."""
+        match = _PART_NAME.fullmatch(path.name)
+        return PartName(match["walk"], int(match["part"])) if match else None
+
+    @property
+    def file_name(self) -> str:
+        """The name."""
+        return f"{self.walk_id}-{self.part:03d}.mcap"
+
+
+def parts_in(folder: Path) -> list[Path]:
+    """Return the files of recordings in a folder, oldest first. Raises InputError where it cannot be read."""
+    try:
+        found = [(name.walk_id, name.part, path) for path in folder.iterdir() if (name := PartName.of(path))]
+    except OSError as error:
+        raise InputError(f"{folder} cannot be read ({error.strerror}): name the folder of the recordings.") from error
+    return [path for _, _, path in sorted(found)]
+
+
+class WalkFiles:
+    """Writes cycles and events to the files of a walk. No method raises because of the disk."""
+
+    def __init__(
+        self,
+        options: RecordingOptions,
+        report: Callable[[str], None] = lambda text: None,
+        *,
+        monotonic_s: Callable[[], float] = time.monotonic,
+        wall_s: Callable[[], float] = time.time,
+        open_file: Callable[[Path], BinaryIO] = create,
+        free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+    ) -> None:
+        """``report`` hears, in a sentence, when recording breaks off and when it goes on."""
+        self._options = options
+        self._report = report
+        self._monotonic_s, self._wall_s = monotonic_s, wall_s
+        self._open_file, self._free_bytes = open_file, free_bytes
+        self._walk_id = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s())) + f"-{options.device_id}"
+        self._part_number = 0
+        self._part: PartWriter | None = None
+        self._path: Path | None = None
+        self._transcript: Transcript | None = None
+        self._part_began_s = self._flushed_s = self._synced_s = 0.0
+        self._next_number = 0
+        self._retry_s: float | None = None
+        self._early: list[Message] = []
+        self._sync = DiskSync()
+        self.rehearsal: Frame | None = None
+        """A picture that the localizer saw before the first cycle."""
+
+    @property
+    def path(self) -> Path | None:
+        """The file that is written now."""
+        return self._path
+
+    def add_cycle(self, item: CycleItem, intrinsics: CameraIntrinsics) -> None:
+        """Write a cycle, in the next file where one is due."""
+        if self._retry_s is not None and self._monotonic_s() < self._retry_s:
+            return
+        try:
+            if not self._goes_on(item):
+                self._begin_part(item, intrinsics)
+            assert self._part is not None
+            assert self._transcript is not None
+            for channel, stamp_s, message in self._transcript.cycle(item):
+                self._part.write(channel, stamp_s, message, item.number)
+            self._next_number = item.number + 1
+        except Exception as error:
+            # A value that cannot be encoded is no reason to end the recorder's thread either.
+            self._break_off(error)
+
+    def add(self, messages: Iterable[Message]) -> None:
+        """Write what happened beside the cycles."""
+        if self._part is None:
+            # Before the first cycle there is no file yet; after the disk has failed there is none any more.
+            if self._retry_s is None:
+                self._early = [*self._early, *messages][-_MAX_EARLY:]
+            return
+        try:
+            for channel, stamp_s, message in messages:
+                self._part.write(channel, stamp_s, message)
+        except Exception as error:
+            self._break_off(error)
+
+    def flush_if_due(self) -> None:
+        """Hand what was written to the operating system where that is due, and to the disk now and then."""
+        now_s = self._monotonic_s()
+        if self._part is None or self._path is None or now_s - self._flushed_s < FLUSH_EVERY_S:
+            return
+        try:
+            self._flushed_s = now_s
+            self._part.flush()
+            self._finish_for_want_of_room()
+        except OSError as error:
+            self._break_off(error)
+            return
+        if self._path is not None and now_s - self._synced_s >= SYNC_EVERY_S:
+            self._synced_s = now_s
+            self._sync.request(self._path)
+
+    def close(self) -> None:
+        """Complete the file."""
+        try:
+            self._finish_part()
+        except OSError as error:
+            self._break_off(error)
+
+    def _goes_on(self, item: CycleItem) -> bool:
+        part, options = self._part, self._options
+        return (
+            part is not None
+            and item.number == self._next_number
+            and part.size_bytes < options.max_part_bytes
+            and self._monotonic_s() - self._part_began_s < options.max_part_s
+        )
+
+    def _begin_part(self, item: CycleItem, intrinsics: CameraIntrinsics) -> None:
+        self._finish_part()
+        self._options.folder.mkdir(parents=True, exist_ok=True)
+        self._remove_old()
+        self._check_room()
+        self._part_number += 1
+        rehearsal = self.rehearsal if self._options.pictures and item.number == 1 else None
+        opening = _opening(item, intrinsics, self._walk_id, self._part_number, rehearsal)
+        path = self._options.folder / PartName(self._walk_id, self._part_number).file_name
+        part = PartWriter(self._open_file(path), opening, _description(opening, self._options))
+        self._part, self._path, self._transcript = part, path, Transcript(opening)
+        self._part_began_s = self._flushed_s = self._monotonic_s()
+        early, self._early = self._early, []
+        for channel, stamp_s, message in (*self._transcript.beginning(item.cycle.stamp_s, rehearsal), *early):
+            part.write(channel, stamp_s, message)
+        if self._retry_s is not None:
+            self._retry_s = None
+            self._report(f"Recording goes on, in {path.name}.")
+
+    def _finish_for_want_of_room(self) -> None:
+        """Complete the file while there is room for its index."""
+        if self._free_bytes(self._options.folder) < self._options.reserve_bytes:
+            self._finish_part()
+            self._check_room()
+
+    def _check_room(self) -> None:
+        if self._free_bytes(self._options.folder) < self._options.reserve_bytes:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    def _finish_part(self) -> None:
+        part, self._part, self._path = self._part, None, None
+        if part is None:
+            return
+        try:
+            part.finish()
+        except OSError:
+            part.abandon()
+            raise
+
+    def _break_off(self, error: Exception) -> None:
+        """The disk takes nothing more. Guidance goes on without; it is tried again later."""
+        if self._part is not None:
+            self._part.abandon()
+        self._part = self._path = self._transcript = None
+        is_news = self._retry_s is None
+        self._retry_s = self._monotonic_s() + RETRY_AFTER_S
+        _log.warning("recording broke off: %s", error)
+        if is_news:
+            if isinstance(error, OSError):
+                what = f"{error.strerror or error}): free the disk of {self._options.folder}."
+            else:
+                what = f"{type(error).__name__}: {error}): tell who maintains the device."
+            self._report(f"The walk is not recorded any more ({what}")
+
+    def _remove_old(self) -> None:
+        """Make room, so that all files with the next one stay within what is allowed; oldest first."""
+        paths = parts_in(self._options.folder)
+        ages_s = {path: self._wall_s() - path.stat().st_mtime for path in paths}
+        total = sum(path.stat().st_size for path in paths)
+        for path in paths:
+            is_old = ages_s[path] > self._options.keep_s
+            if not is_old and total + self._options.max_part_bytes <= self._options.max_total_bytes:
+                continue
+            total -= path.stat().st_size
+            path.unlink()
+
+
+def _opening(
+    item: CycleItem, intrinsics: CameraIntrinsics, walk_id: str, part: int, rehearsal: Frame | None
+) -> Opening:
+    """Return what a replay begins with; what belongs to this process stays out, and is made anew."""
+    state = item.state_before
+    waiting = None if state.waiting_map is None else MapTaken.of(state.waiting_map)
+    state = replace(state, way_finder=None, waiting_map=None)
+    return Opening(
+        FORMAT_VERSION, walk_id, part, item.number, intrinsics, state, item.voice_before, waiting,
+        None if rehearsal is None else FrameNotes.of(rehearsal),
+    )  # fmt: skip
+
+
+def _description(opening: Opening, options: RecordingOptions) -> dict[str, str]:
+    return {
+        "format_version": str(FORMAT_VERSION),
+        "software_version": metadata.version("virtual-blind-road"),
+        "device_id": options.device_id,
+        "walk_id": opening.walk_id,
+        "part": str(opening.part),
+        "pictures": "yes" if options.pictures else "no",
+        "site_id": opening.state.site_id,
+        "map_checksum": opening.state.map_checksum,
+    }

@@ -1,0 +1,214 @@
+"""``vbr walks``: what was recorded of walks, and whether the loop still decides as it did then."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from navcore.errors import InputError
+
+if TYPE_CHECKING:
+    from device_agent.recording.reading import RecordedPart
+    from device_agent.recording.replay import MakeLocalizer, ReplayedCycle
+
+EXIT_DIFFERENT = 1
+_SHOWN_DIFFERENCES = 10
+
+
+def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
+    """Add ``vbr walks``."""
+    walks = subparsers.add_parser("walks", help="recorded walks: list, show, replay, repair")
+    actions = walks.add_subparsers(metavar="ACTION", required=True)
+    listing = actions.add_parser("list", help="list the recorded walks in a folder")
+    listing.add_argument("folder", type=Path, metavar="DIR", help="folder of the recordings")
+    listing.add_argument("--json", action="store_true", help="print them as JSON")
+    listing.set_defaults(run=_list)
+    show = actions.add_parser("show", help="what happened: how long, what was decided, what was heard")
+    show.add_argument("file", type=Path, metavar="FILE", help="a file of a walk")
+    show.add_argument("--json", action="store_true", help="print it as JSON")
+    show.set_defaults(run=_show)
+    again = actions.add_parser(
+        "replay",
+        help="let the loop run again on what it read, and compare",
+        description="Let the loop run again on what it read, and compare all guidance and all cues with those of then,"
+        " bit for bit. Poses and scans come from the recording; with --site they are computed from its pictures.",
+    )
+    again.add_argument("files", type=Path, nargs="+", metavar="FILE", help="files of one walk, in order")
+    again.add_argument("--site", type=Path, metavar="DIR", help="the map of then: go through the pictures as well")
+    again.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="under another setting")
+    again.add_argument("--cues", type=Path, metavar="FILE", help="write what is said now as JSON lines")
+    again.add_argument("--json", action="store_true", help="print the figures as JSON")
+    again.set_defaults(run=_replay)
+    repair = actions.add_parser("repair", help="write what is whole of a damaged file to a new one, with its index")
+    repair.add_argument("file", type=Path, metavar="FILE", help="a file that a crash or a bad disk has damaged")
+    repair.add_argument("target", type=Path, metavar="OUT", help="the new file")
+    repair.set_defaults(run=_repair)
+
+
+def _list(arguments: argparse.Namespace) -> int:
+    from device_agent.recording.walk_files import parts_in
+
+    rows = [_row(path) for path in parts_in(arguments.folder)]
+    if arguments.json:
+        json.dump(rows, sys.stdout, indent=1)
+        sys.stdout.write("\n")
+        return 0
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table("file", "MB", "seconds", "pictures", "state")
+    for row in rows:
+        seconds = "" if row["seconds"] is None else f"{row['seconds']:.0f}"
+        table.add_row(row["file"], f"{row['bytes'] / 1e6:.1f}", seconds, row["pictures"], row["state"])
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+    return 0
+
+
+def _row(path: Path) -> dict[str, Any]:
+    """Return what a list says of a file, without reading all of it."""
+    from device_agent.recording.reading import RecordedPart
+
+    row: dict[str, Any] = {
+        "file": path.name, "bytes": path.stat().st_size, "seconds": None, "pictures": "", "state": "whole"
+    }  # fmt: skip
+    try:
+        part = RecordedPart(path)
+    except InputError as error:
+        return {**row, "state": str(error)}
+    row["pictures"] = part.description.get("pictures", "")
+    row["seconds"] = part.length_s()
+    if row["seconds"] is None:
+        row["state"] = "not completed: read up to its end, or repair it"
+    return row
+
+
+def _show(arguments: argparse.Namespace) -> int:
+    from device_agent.recording.reading import RecordedPart
+
+    part = RecordedPart(arguments.file)
+    shown = _summary(part)
+    if arguments.json:
+        json.dump(shown, sys.stdout, indent=1, ensure_ascii=False)
+        sys.stdout.write("\n")
+        return 0
+    heard = shown.pop("heard")
+    for name, value in shown.items():
+        print(f"{name:>18}  {value}")  # noqa: T201 - the command's answer
+    for stamp_s, text in heard:
+        print(f"{stamp_s:18.2f}  “{text}”")  # noqa: T201
+    return 0
+
+
+def _summary(part: RecordedPart) -> dict[str, Any]:
+    actions: Counter[str] = Counter()
+    reasons: Counter[str] = Counter()
+    stamps: list[float] = []
+    heard: list[tuple[float, str]] = []
+    pictures = 0
+    for recorded in part.cycles():
+        guidance = recorded.notes.guidance
+        stamps.append(guidance.stamp_s)
+        actions[guidance.action.value] += 1
+        reasons[guidance.reason.value] += 1
+        pictures += recorded.notes.pictures
+        heard += [(cue.stamp_s, cue.text) for cue in recorded.notes.cues if cue.text]
+    return {
+        **part.description,
+        "cycles": len(stamps),
+        "seconds": round(stamps[-1] - stamps[0], 3) if stamps else 0.0,
+        "frames_with_pictures": pictures,
+        "actions": dict(actions),
+        "reasons": dict(reasons),
+        "damage": part.damage,
+        "heard": heard,
+    }
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    from device_agent.recording.reading import RecordedPart
+    from device_agent.recording.replay import replay
+    from device_agent.single_core import use_one_core
+    from navcore.settings import Settings, parse_assignment
+
+    changes = dict(parse_assignment(text) for text in arguments.set)
+    Settings().changed(changes)
+    use_one_core()
+    parts = [RecordedPart(path) for path in arguments.files]
+    make_localizer = None if arguments.site is None else _localizers(arguments.site, parts)
+    count, different, cues = _compared(replay(parts, make_localizer, changes))
+    damages = {str(part.path): part.damage for part in parts if part.damage}
+    if arguments.cues is not None:
+        _write_cues(arguments.cues, cues)
+    if arguments.json:
+        figures = {
+            "cycles": count, "different": len(different), "first": different[:_SHOWN_DIFFERENCES], "damages": damages
+        }  # fmt: skip
+        sys.stdout.write(json.dumps(figures, ensure_ascii=False) + "\n")
+    else:
+        _print_comparison(count, different, damages)
+    return EXIT_DIFFERENT if different else 0
+
+
+def _compared(cycles: Iterable[ReplayedCycle]) -> tuple[int, list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return how many cycles there were, those that differ, and all that is said now."""
+    from device_agent.recording.replay import cue_line, difference
+
+    count, different, cues = 0, [], []
+    for cycle in cycles:
+        count += 1
+        cues += [cue_line(cue) for cue in cycle.cues]
+        if cycle.differs_in:
+            different.append(difference(cycle))
+    return count, different, cues
+
+
+def _print_comparison(count: int, different: list[dict[str, Any]], damages: dict[str, str]) -> None:
+    lines = [f"{count} cycles replayed, {len(different)} of them differ."]
+    lines += [
+        f"  {each['stamp_s']:.2f} s, in {', '.join(each['in'])}: {each['then']} → {each['now']}"
+        for each in different[:_SHOWN_DIFFERENCES]
+    ]
+    if len(different) > _SHOWN_DIFFERENCES:
+        lines.append(f"  and {len(different) - _SHOWN_DIFFERENCES} more")
+    lines += [f"{path} was read up to where it is damaged: {damage}." for path, damage in damages.items()]
+    sys.stdout.write("\n".join(lines) + "\n")
+
+
+def _write_cues(path: Path, cues: list[dict[str, Any]]) -> None:
+    try:
+        path.write_text("".join(json.dumps(cue, ensure_ascii=False) + "\n" for cue in cues), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): name another file with --cues.") from error
+
+
+def _localizers(folder: Path, parts: list[RecordedPart]) -> MakeLocalizer:
+    """Return what localizes in the map of then. Raises InputError where it is another map."""
+    from device_agent.localization import make_localizer
+    from navcore.site import load_site, map_checksum
+
+    site, checksum = load_site(folder), map_checksum(folder)
+    for part in parts:
+        then = part.opening.state.map_checksum
+        if then and then != checksum:
+            raise InputError(f"{part.path} was recorded in another map than {folder}: name the map of then.")
+    return lambda intrinsics, settings: make_localizer(site, intrinsics, settings)
+
+
+def _repair(arguments: argparse.Namespace) -> int:
+    from device_agent.recording.reading import RecordedPart
+
+    part = RecordedPart(arguments.file)
+    try:
+        part.repair(arguments.target)
+    except FileExistsError as error:
+        raise InputError(f"{arguments.target} is there already: name a new file.") from error
+    except OSError as error:
+        raise InputError(f"{arguments.target} cannot be written ({error.strerror}): name another file.") from error
+    found = f"It is damaged ({part.damage})" if part.damage else "It was whole"
+    print(f"{found}; what is whole is in {arguments.target}.")  # noqa: T201 - the command's answer
+    return 0

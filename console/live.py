@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -66,6 +67,8 @@ class LiveDevice:
     """Monotonic time of the last connecting (console clock)."""
     clock_offset_s: float
     """Device clock minus the console's monotonic clock."""
+    clock_uncertainty_s: float | None = None
+    """The true offset is no farther than this from ``clock_offset_s``; None where it has not been measured yet."""
     round_trip_s: float | None = None
     state: WalkerState | None = None
     state_arrival_s: float | None = None
@@ -81,6 +84,8 @@ class LiveDevice:
     graph_refusal: str = ""
     map_checksum: str = ""
     map_refusal: str = ""
+    map_waiting: str = ""
+    """Checksum of a newer map that the device holds, and takes as soon as nobody is led; empty where none waits."""
     commands: tuple[Command, ...] = field(default=())
     """The latest, oldest first."""
 
@@ -93,5 +98,10 @@ class LiveDevice:
         return max(0.0, now_s - (stamp_s - self.clock_offset_s))
 
     def freshness(self, now_s: float) -> Freshness:
-        """How fresh ``state`` is."""
-        return freshness(self.age_s(now_s), self.connected)
+        """How fresh ``state`` is, at the oldest that it may be; never LIVE while the clocks have not been compared."""
+        age_s, uncertainty_s = self.age_s(now_s), self.clock_uncertainty_s
+        if age_s is None:
+            return freshness(None, self.connected)
+        if uncertainty_s is None:
+            return freshness(max(age_s, math.nextafter(DELAYED_AFTER_S, math.inf)), self.connected)
+        return freshness(age_s + uncertainty_s, self.connected)

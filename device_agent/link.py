@@ -164,9 +164,14 @@ class ConsoleLink:
         before = self.link_state
         self._show(
             LinkState(
-                condition, self._clock.now_s(), reason, failure_count, pause_s, before.clock_offset_s,
+                condition,
+                self._clock.now_s(),
+                reason,
+                failure_count,
+                pause_s,
+                before.clock_offset_s,
                 before.clock_uncertainty_s,
-            )  # fmt: skip
+            )
         )
 
     def _show(self, state: LinkState) -> None:
@@ -341,8 +346,9 @@ class ConsoleLink:
     async def _take(self, message: ConsoleMessage) -> DeviceMessage | None:
         match message:
             case Ping():
+                received_s = self._clock.now_s()
                 self._note_clocks(message)
-                return Pong(message.console_now_s, self._clock.now_s())
+                return Pong(message.console_sent_s, received_s, self._clock.now_s())
             case EventConfirmed():
                 await asyncio.to_thread(self._journal.confirm, message.sequence)
             case MapAvailable():
@@ -357,9 +363,7 @@ class ConsoleLink:
         before_s, offset_s, uncertainty_s = self.link_state.clock_offset_s, ping.offset_s, ping.uncertainty_s
         if offset_s is None or uncertainty_s is None:
             return
-        state = msgspec.structs.replace(
-            self.link_state, clock_offset_s=offset_s, clock_uncertainty_s=uncertainty_s
-        )  # fmt: skip
+        state = msgspec.structs.replace(self.link_state, clock_offset_s=offset_s, clock_uncertainty_s=uncertainty_s)
         if before_s is None or abs(offset_s - before_s) > uncertainty_s:
             self._show(state)
         else:

@@ -13,25 +13,10 @@ from collections.abc import Callable
 from device_agent.ports import KeptMessage
 from navcore.types import Frame
 from navcore.wire import MESSAGES, DepthImage, WalkerState
+from navcore.wire_pace import Pace
 
 MAX_KEPT = 256
 """More than these are not kept while there is no link: the newest of each kind is told at the joining in any case."""
-
-
-class Pace:
-    """Allows something so often on average, and no faster than twice that for a moment."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_s = 1.0 / rate_hz
-        self._due_s = -1e9
-
-    def wait_s(self, now_s: float) -> float:
-        """Return how long it is until the next one is due; 0 or less when it is."""
-        return self._due_s - now_s
-
-    def went(self, now_s: float) -> None:
-        """Take note that one went."""
-        self._due_s = max(self._due_s, now_s - 0.5 * self._period_s) + self._period_s
 
 
 def _pace_of(message: type[WalkerState] | type[DepthImage]) -> Pace:

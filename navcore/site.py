@@ -256,7 +256,10 @@ def pack_site(folder: Path) -> bytes:
 
 
 def unpack_site(package: bytes | Path, folder: Path) -> None:
-    """Write a package, or a file that holds one, to a folder that does not exist yet. Raises SiteError, leaving nothing, where it is unfit."""
+    """Write a package, or a file that holds one, to a folder that does not exist yet.
+
+    Raises SiteError, leaving nothing, where it is unfit.
+    """
     if folder.exists():
         raise SiteError(f"{folder} exists already: name a new folder.")
     folder.parent.mkdir(parents=True, exist_ok=True)

@@ -21,8 +21,10 @@ from navcore.wire_row import Delivery, Direction, MessageRow
 
 PROTOCOL_VERSION = 3
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
-3: the clocks' offset is told, a map's package has a checksum, a map that waits is told.
+3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told.
 """
+PING_EVERY_S = 2.0
+"""How often the console asks for the device's clock, once it has been told it a few times."""
 MAX_MESSAGE_BYTES = 4 << 20
 """No message is larger; most may be much less (see the table)."""
 
@@ -148,10 +150,14 @@ class MapRunning(_Message, frozen=True, tag="map_running"):
 
 
 class Pong(_Message, frozen=True, tag="pong"):
-    """Answer to Ping: both clocks, for the offset between them."""
+    """Answer to Ping: when it left and came, and when this leaves, for the offset between the clocks."""
 
-    console_now_s: Finite
-    device_now_s: Finite
+    console_sent_s: Finite
+    """As the Ping told it, on the console's clock."""
+    device_received_s: Finite
+    """When the Ping came, on the device's clock."""
+    device_sent_s: Finite
+    """When this goes, on the device's clock."""
 
 
 # ------------------------------------------------------------------------------------------ console → device
@@ -223,7 +229,7 @@ class EventConfirmed(_Message, frozen=True, tag="event_confirmed"):
 class Ping(_Message, frozen=True, tag="ping"):
     """Asks for the device's clock, and tells what is known of it so far."""
 
-    console_now_s: Finite
+    console_sent_s: Finite
     offset_s: Finite | None = None
     """Device clock minus console clock; None before it has been measured."""
     uncertainty_s: Finite | None = None
@@ -243,7 +249,7 @@ _KIB = 1 << 10
 _ROWS = (
     # message, direction, since, sent, at most (Hz), priority, on a slow link, at most (bytes)
     MessageRow(Hello, _UP, 1, "once a connection", None, 0, Delivery.GREETING, 4 * _KIB),
-    MessageRow(Pong, _UP, 1, "at each Ping", None, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(Pong, _UP, 3, "at each Ping", None, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(SettingsRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 64 * _KIB),
     MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
@@ -252,7 +258,7 @@ _ROWS = (
     MessageRow(WalkerState, _UP, 2, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
-    MessageRow(Ping, _DOWN, 3, "every 2 s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(SetDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ClearDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
@@ -261,7 +267,7 @@ _ROWS = (
     MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
-    MessageRow(MapAvailable, _DOWN, 3, "at a joining", None, 4, Delivery.OFFER, 4 * _KIB),
+    MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 4, Delivery.OFFER, MAX_MESSAGE_BYTES),
 )
 MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})

@@ -25,7 +25,7 @@ UP: list[wire.DeviceMessage] = [
     wire.SettingsRunning(4, {"gate.clearance_m": 2.0, "cues.language": "en"}),
     wire.GraphRunning(3),
     wire.MapRunning("abc"),
-    wire.Pong(1.0, 2.0),
+    wire.Pong(1.0, 2.0, 2.1),
 ]  # fmt: skip
 DOWN: list[wire.ConsoleMessage] = [
     wire.Welcome(wire.PROTOCOL_VERSION, 5),
@@ -37,7 +37,7 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),
     wire.PublishGraph(PoiGraph(1, {"a": Poi("a", "A", "room", 0.0, 0.0)})),
-    wire.MapAvailable("/api/device/map", "abc", 10),
+    wire.MapAvailable("/api/device/map", "abc", 10, "0" * 64),
     wire.EventConfirmed(5),
     wire.Ping(1.0),
 ]
@@ -77,7 +77,7 @@ def test_garbage_is_a_wire_error(data: bytes) -> None:
         {"type": "say", "text": "x" * 501},
         {"type": "set_destination", "poi_id": 5},
         {"type": "set_destination", "poi_id": "bar", "extra": 1},
-        {"type": "ping", "console_now_s": float("nan")},
+        {"type": "ping", "console_sent_s": float("nan")},
         {
             "type": "publish_graph",
             "graph": {"pois": {"a": {"id": "../a", "name": "A", "kind": "room", "x_m": 0.0, "y_m": 0.0}}},

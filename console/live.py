@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import enum
-import math
 from dataclasses import dataclass, field
 from typing import Literal
 
@@ -93,15 +92,16 @@ class LiveDevice:
         """Seconds since the frame behind ``state`` was captured; ``now_s`` is the console's monotonic clock."""
         return None if self.state is None else self.age_of(self.state.stamp_s, now_s)
 
+    def longest_age_s(self, now_s: float) -> float | None:
+        """The most that :meth:`age_s` may be in truth, as well as the clocks have been compared."""
+        age_s = self.age_s(now_s)
+        return None if age_s is None else age_s + (self.clock_uncertainty_s or 0.0)
+
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""
         return max(0.0, now_s - (stamp_s - self.clock_offset_s))
 
     def freshness(self, now_s: float) -> Freshness:
         """How fresh ``state`` is, at the oldest that it may be; never LIVE while the clocks have not been compared."""
-        age_s, uncertainty_s = self.age_s(now_s), self.clock_uncertainty_s
-        if age_s is None:
-            return freshness(None, self.connected)
-        if uncertainty_s is None:
-            return freshness(max(age_s, math.nextafter(DELAYED_AFTER_S, math.inf)), self.connected)
-        return freshness(age_s + uncertainty_s, self.connected)
+        found = freshness(self.longest_age_s(now_s), self.connected)
+        return Freshness.DELAYED if found is Freshness.LIVE and self.clock_uncertainty_s is None else found

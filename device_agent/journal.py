@@ -31,18 +31,28 @@ CREATE TABLE IF NOT EXISTS issued (
     only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL
 ) STRICT;
 INSERT OR IGNORE INTO issued VALUES (1, 0);
+CREATE TABLE IF NOT EXISTS gap (
+    only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL, missing_count INTEGER NOT NULL
+) STRICT;
+INSERT OR IGNORE INTO gap VALUES (1, 0, 0);
 """
+"""``gap`` is the event that stands for those that were too many, and how many they are."""
+
 _Work = tuple[float, EventKind, str] | Callable[[], None] | None
 
 
 class EventJournal:
     """Takes events from any thread; gives those that are not confirmed yet, in order."""
 
-    def __init__(self, path: Path, on_stored: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, path: Path, on_stored: Callable[[], None] = lambda: None, max_count: int = MAX_EVENTS_ON_DISK
+    ) -> None:
         """Open or make the journal; a damaged one is put aside, for nobody is to wait at home for a repair.
 
-        Raises InputError where the file cannot be written.
+        Of more than ``max_count`` events the oldest give way to one that says how many are missing. Raises InputError
+        where the file cannot be written.
         """
+        self._max_count = max_count
         self.on_stored = on_stored
         """Called, in the journal's thread, when new events are safe on disk."""
         self.damaged: Path | None
@@ -102,6 +112,7 @@ class EventJournal:
             self._base.execute("UPDATE event SET sequence = -(sequence + ?)", (last_stored,))
             self._base.execute("UPDATE event SET sequence = -sequence")
             self._base.execute("UPDATE issued SET sequence = ?", (issued + last_stored,))
+            self._base.execute("UPDATE gap SET sequence = sequence + ?", (last_stored,))
 
     def close(self) -> None:
         """Write what was handed over, and close the file."""
@@ -145,7 +156,24 @@ class EventJournal:
         rows = [(first + index, *event) for index, event in enumerate(events)]
         self._base.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
         self._base.execute("UPDATE issued SET sequence = ?", (rows[-1][0],))
-        self._base.execute("DELETE FROM event WHERE sequence <= ?", (rows[-1][0] - MAX_EVENTS_ON_DISK,))
+        self._make_room(rows[-1][0] - self._max_count)
+
+    def _make_room(self, last_going: int) -> None:
+        """Let one event stand for all up to this number."""
+        (count, stamp_s) = self._base.execute(
+            "SELECT COUNT(*), MAX(stamp_s) FROM event WHERE sequence <= ?", (last_going,)
+        ).fetchone()
+        if not count:
+            return
+        # An earlier gap that is still untold goes up in this one; one that was told counts no more.
+        (earlier, itself) = self._base.execute(
+            "SELECT COALESCE(SUM(missing_count), 0), COUNT(*) FROM gap JOIN event USING (sequence)"
+        ).fetchone()
+        missing_count = count + earlier - itself
+        text = f"{missing_count} events waited too long for the console and are missing here."
+        self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_going,))
+        self._base.execute("INSERT INTO event VALUES (?, ?, 'link', ?)", (last_going, stamp_s, text))
+        self._base.execute("UPDATE gap SET sequence = ?, missing_count = ?", (last_going, missing_count))
 
     def _issued(self) -> int:
         return int(self._base.execute("SELECT sequence FROM issued").fetchone()[0])

@@ -63,8 +63,8 @@ async def fetch_map(offer: MapAvailable, source: MapSource, staging: Path, keep:
     """Return the folder of the offered map, fetched, unpacked and checked.
 
     What lies in ``staging`` besides this map and those of the checksums in ``keep`` is removed. Raises
-    InterruptedFetchError where trying again goes on from here, else VbrError: the map cannot be had, or is not what was
-    offered, and nothing of it is left behind.
+    InterruptedFetchError where trying again goes on from here, SiteError where what was offered is no map for this
+    device, however often it is fetched, else VbrError; nothing of it is left behind then.
     """
     _refuse_unfit(offer)
     folder = staging / offer.map_checksum
@@ -109,7 +109,7 @@ async def _download(offer: MapAvailable, source: MapSource, part: Path) -> None:
     _refuse_without_room(part.parent, offer.size_bytes - have_bytes)
     headers = {"Authorization": f"Bearer {source.token}", "Accept-Encoding": "identity"}
     if have_bytes:
-        headers["Range"] = f"bytes={have_bytes}-"
+        headers |= {"Range": f"bytes={have_bytes}-", "If-Range": f'"{offer.package_sha256}"'}
     try:
         async with (
             httpx.AsyncClient(timeout=_TIMEOUT, verify=source.tls or True, trust_env=False) as client,
@@ -160,7 +160,7 @@ def _unpack_checked(part: Path, folder: Path, offer: MapAvailable) -> None:
     with part.open("rb") as package:
         found_sha256 = hashlib.file_digest(package, "sha256").hexdigest()
     if found_sha256 != offer.package_sha256:
-        raise SiteError("The map that came is damaged (its checksum is another): it is fetched anew at the next offer.")
+        raise VbrError("The map that came is damaged (its checksum is another): it is fetched anew at the next offer.")
     _refuse_without_room(part.parent, _unpacked_bytes(part))
     unpack_site(part, folder)
     found = map_checksum(folder)

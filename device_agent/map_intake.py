@@ -38,12 +38,16 @@ class MapIntake:
         self._task: asyncio.Task[None] | None = None
         self._offer: MapAvailable | None = None
         self._delivered = ""
+        self._unfit: tuple[MapAvailable, str] | None = None
+        """The offer that turned out to be no map for this device, and why: it is not fetched again to find the same."""
 
     def take(self, offer: MapAvailable) -> MapRunning | None:
         """Begin to fetch what is offered; return the answer where there is nothing to fetch."""
         running = self._device.hello().map_checksum
         if offer.map_checksum == running:
             return MapRunning(running)
+        if self._unfit is not None and offer == self._unfit[0]:
+            return MapRunning(running, self._unfit[1])
         if offer.map_checksum == self._delivered:
             # It waits for the end of a walk; which the console hears at each joining.
             return None
@@ -63,7 +67,10 @@ class MapIntake:
         except Exception as error:
             # Whatever is wrong with it, the console is told, and the old map runs on.
             _log.warning("the offered map is not taken: %s", error)
-            self._tell(MapRunning(self._device.hello().map_checksum, str(error)[:500]))
+            refusal = str(error)[:500]
+            if isinstance(error, SiteError):
+                self._unfit = (offer, refusal)
+            self._tell(MapRunning(self._device.hello().map_checksum, refusal))
 
     async def _fetched(self, offer: MapAvailable) -> Path:
         failures = 0

@@ -24,7 +24,6 @@ from device_agent.states import StateEvent
 from device_agent.transitions import By, happen
 from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
-from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
@@ -77,7 +76,7 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, no
         case PublishGraph():
             return _publish(state, order.graph)
         case PreparedMap():
-            told = (MapRunning(state.map_checksum, waiting_checksum=order.checksum),) if state.leading else ()
+            told = (MapRunning(state.map_checksum, waiting_checksum=order.checksum),) if state.uses_its_map else ()
             return replace(state, waiting_map=order), told
         case _:
             return state, ()
@@ -85,7 +84,7 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, no
 
 def at_rest(state: DeviceState) -> Step:
     """Take what waited for a stop: the map first, then the PoI-graph. Nothing while somebody is led, or maps."""
-    if state.leading or state.purpose is Mode.MAPPING:
+    if state.uses_its_map:
         return state, ()
     effects: list[Effect] = []
     if state.waiting_map is not None:

@@ -16,17 +16,21 @@ from console.store import DATABASE_FILE
 from navcore.wire import Event
 
 HERE = Path(__file__).resolve().parent
-WAIT_S = 60.0
+WAIT_S = 120.0
+
+
+def surroundings() -> dict[str, str]:
+    """Return the environment of a process that is to find this code, and the tests'."""
+    return {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parent), str(HERE)])}
 
 
 class Victim:
     """A process that is told things line by line, and tells things line by line."""
 
     def __init__(self, script: str, *arguments: object) -> None:
-        environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parent), str(HERE)])}
         self._process = subprocess.Popen(
             [sys.executable, str(HERE / script), *map(str, arguments)],
-            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment,
+            stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=surroundings(),
         )  # fmt: skip
         self._said: queue.Queue[str] = queue.Queue()
         self._reader = threading.Thread(target=self._read, daemon=True)

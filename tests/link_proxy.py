@@ -64,7 +64,7 @@ class Network:
 
         self._do(loosen())
 
-    def wait_for(self, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float = 120.0) -> None:
         """Wait until enough has come through."""
         with self._changed:
             assert self._changed.wait_for(condition, timeout_s), "nothing more came through the network"

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from device_agent.ports import EventKind
 from navcore.errors import InputError
-from navcore.wire import Event
+from navcore.wire import MAX_STAMP_S, Event
 
 MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000
@@ -38,7 +38,8 @@ INSERT OR IGNORE INTO gap VALUES (1, 0, 0);
 """
 """``gap`` is the event that stands for those that were too many, and how many they are."""
 
-_Work = tuple[float, EventKind, str] | Callable[[], None] | None
+_Occurrence = tuple[float, EventKind, str]
+_Work = _Occurrence | Callable[[], None] | None
 
 
 class EventJournal:
@@ -59,7 +60,10 @@ class EventJournal:
         """Where a damaged journal was put on opening; None where it was sound."""
         self._lock = threading.Lock()
         self._work: queue.Queue[_Work] = queue.Queue(MAX_EVENTS_IN_MEMORY)
+        self._counting = threading.Lock()
         self._missed = 0
+        self._unstored: list[_Occurrence] = []
+        """What the disk did not take when it was its turn: tried again with what comes next."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._base, self.damaged = _opened(path)
@@ -71,11 +75,11 @@ class EventJournal:
         self._thread.start()
 
     def append(self, stamp_s: float, kind: EventKind, text: str) -> None:
-        """Hand over an event; returns at once. Where the disk is far behind, the event is counted as missed."""
+        """Hand over an event; returns at once. Where the disk is very far behind, it is counted, and told as missing."""
         try:
-            self._work.put_nowait((stamp_s, kind, _storable(text)))
+            self._work.put_nowait((_storable_stamp_s(stamp_s), kind, _storable(text)))
         except queue.Full:
-            self._missed += 1
+            self._count_missed(1)
 
     def flush(self) -> None:
         """Return when everything that was handed over before is on disk."""
@@ -135,23 +139,32 @@ class EventJournal:
             if None in batch:
                 return
 
-    def _store(self, events: list[tuple[float, EventKind, str]]) -> None:
+    def _store(self, events: list[_Occurrence]) -> None:
+        events = [*self._unstored, *events]
         if not events:
             return
-        missed, self._missed = self._missed, 0
-        if missed:
-            events.append((events[-1][0], "link", f"{missed} events were too many for the disk and are missing."))
+        missed = self._missed
+        text = f"{missed} events were too many for the disk and are missing."
+        told: list[_Occurrence] = [(events[-1][0], "link", text)] if missed else []
         try:
             with self._lock, self._transaction():
-                self._insert(events)
-            self.on_stored()
-        except Exception:
-            # Neither a full disk nor a text that cannot be stored may end the thread: guidance goes on, the gap is
-            # reported when there is room again.
-            self._missed += len(events)
-            _log.exception("events could not be stored")
+                self._insert([*events, *told])
+        except Exception as error:
+            # A disk that is full, or fails, may not end the thread: guidance goes on, and there may be room again.
+            if not self._unstored:
+                _log.error("events wait in memory, for they could not be stored (%s): free the disk", error)
+            self._count_missed(max(0, len(events) - MAX_EVENTS_IN_MEMORY))
+            self._unstored = events[:MAX_EVENTS_IN_MEMORY]
+            return
+        self._count_missed(-missed)
+        self._unstored = []
+        self.on_stored()
 
-    def _insert(self, events: list[tuple[float, EventKind, str]]) -> None:
+    def _count_missed(self, count: int) -> None:
+        with self._counting:
+            self._missed += count
+
+    def _insert(self, events: list[_Occurrence]) -> None:
         first = self._issued() + 1
         rows = [(first + index, *event) for index, event in enumerate(events)]
         self._base.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
@@ -223,6 +236,11 @@ def _connected(path: Path) -> sqlite3.Connection:
         base.close()
         raise
     return base
+
+
+def _storable_stamp_s(stamp_s: float) -> float:
+    """Return a time that the wire takes: one event that no console can read would hold up all that follow."""
+    return stamp_s if abs(stamp_s) <= MAX_STAMP_S else 0.0
 
 
 def _storable(text: str) -> str:

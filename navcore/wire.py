@@ -32,7 +32,8 @@ Text = Annotated[str, msgspec.Meta(max_length=500)]
 ShortText = Annotated[str, msgspec.Meta(max_length=120)]
 Point2 = tuple[float, float]
 T = TypeVar("T")
-Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
+MAX_STAMP_S = 1e12
+Finite = Annotated[float, msgspec.Meta(ge=-MAX_STAMP_S, le=MAX_STAMP_S)]
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):

@@ -21,6 +21,8 @@ class Network:
         self.up_delay_s = self.down_delay_s = 0.0
         self.swallows = False
         """Takes connections and bytes, and lets nothing through; nobody is told."""
+        self.up_stalled = False
+        """Takes connections, and no more bytes from the device than fit into the buffers on the way."""
         self.down_limit_bytes: int | None = None
         """Nothing more comes to the device than up to this count, until it is raised or the network is cut."""
         self.dialled_count = 0
@@ -63,6 +65,15 @@ class Network:
             self._loosened.set()
 
         self._do(loosen())
+
+    def stall(self, stalled: bool) -> None:
+        """Take nothing more from the device, or go on."""
+
+        async def stall() -> None:
+            self.up_stalled = stalled
+            self._loosened.set()
+
+        self._do(stall())
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float = 120.0) -> None:
         """Wait until enough has come through."""
@@ -113,6 +124,9 @@ class Network:
 
     async def _pump(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, *, up: bool) -> None:
         while data := await reader.read(self._room(up)):
+            while up and self.up_stalled:
+                self._loosened.clear()
+                await self._loosened.wait()
             delay_s = self.up_delay_s if up else self.down_delay_s
             if delay_s:
                 await asyncio.sleep(delay_s)

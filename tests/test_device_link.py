@@ -32,6 +32,7 @@ from navcore.wire import (
     SetDestination,
     SettingsRunning,
     WalkerState,
+    decode_from_device,
     encode,
 )
 
@@ -263,25 +264,60 @@ def test_a_map_that_cannot_be_had_is_answered_with_the_reason(
     assert "could not be fetched" in console.of_type(MapRunning)[1].refusal
 
 
-def test_a_full_disk_or_a_text_that_cannot_be_stored_does_not_end_the_journal(tmp_path: Path) -> None:
+def test_a_full_disk_or_a_text_that_cannot_be_stored_does_not_end_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("device_agent.journal.MAX_EVENTS_IN_MEMORY", 200)
     journal = EventJournal(tmp_path / "events.sqlite")
     journal.append(0.0, "cue", "before")
     journal.append(0.0, "sensor", "a broken name \udcff")
     journal.flush()
     pages = journal._base.execute("PRAGMA page_count").fetchone()[0]
     journal._base.execute(f"PRAGMA max_page_count={pages}")
-    for _ in range(300):
-        journal.append(1.0, "cue", "x" * 500)
+    for number in range(150):
+        journal.append(1.0, "cue", f"{number} ".ljust(500, "x"))
+        journal.flush()
+    for time_s in (float("nan"), float("inf")):
+        journal.append(time_s, "cue", "no time")
     journal.flush()
-    journal.append(float("nan"), "cue", "no time")
-    journal.flush()
+    for _ in range(100):
+        journal.append(1.0, "cue", "too many")
+        journal.flush()
     journal._base.execute("PRAGMA max_page_count=100000")
     journal.append(2.0, "cue", "after")
     journal.flush()
     texts = [event.text for event in journal.pending(0, 1000)]
     assert texts[:2] == ["before", "a broken name ?"]
-    assert "after" in texts
-    assert any("missing" in text for text in texts)
+    assert [text.split()[0] for text in texts[2:152]] == [str(number) for number in range(150)]
+    assert texts[152:154] == ["no time", "no time"]
+    kept_count = texts.count("too many")
+    assert 0 < kept_count < 100
+    gap = f"{100 - kept_count} events were too many for the disk and are missing."
+    assert texts[154:] == ["too many"] * kept_count + ["after", gap]
+    assert all(decode_from_device(encode(event)) == event for event in journal.pending(0, 1000))
+    journal.close()
+
+
+def test_of_too_many_events_the_oldest_give_way_to_one_that_says_how_many(tmp_path: Path) -> None:
+    journal = EventJournal(tmp_path / "events.sqlite", max_count=10)
+
+    def said(first: int, last: int) -> list[str]:
+        for number in range(first, last):
+            journal.append(float(number), "cue", str(number))
+            journal.flush()
+        return [event.text for event in journal.pending(0, 1000)]
+
+    kept = [str(number) for number in range(10)]
+    assert said(0, 10) == kept
+    (gap, *rest) = said(10, 15)
+    assert (gap.split()[0], rest) == ("5", [str(number) for number in range(5, 15)])
+    (gap, *rest) = said(15, 32)
+    assert (gap.split()[0], rest) == ("22", [str(number) for number in range(22, 32)])
+    (told, *_) = journal.pending(0, 1)
+    assert (told.sequence, told.kind, "missing" in told.text) == (22, "link", True)
+    journal.confirm(told.sequence)
+    (gap, *rest) = said(32, 35)
+    assert (gap.split()[0], rest) == ("3", [str(number) for number in range(25, 35)])
     journal.close()
 
 

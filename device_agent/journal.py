@@ -75,7 +75,7 @@ class EventJournal:
         self._thread.start()
 
     def append(self, stamp_s: float, kind: EventKind, text: str) -> None:
-        """Hand over an event; returns at once. Where the disk is very far behind, it is counted, and told as missing."""
+        """Hand over an event; returns at once. Where the disk is very far behind, it is counted as missed."""
         try:
             self._work.put_nowait((_storable_stamp_s(stamp_s), kind, _storable(text)))
         except queue.Full:

@@ -32,6 +32,8 @@ Text = Annotated[str, msgspec.Meta(max_length=500)]
 ShortText = Annotated[str, msgspec.Meta(max_length=120)]
 Point2 = tuple[float, float]
 T = TypeVar("T")
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+"""As far as every database and language in use counts exactly."""
 MAX_STAMP_S = 1e12
 Finite = Annotated[float, msgspec.Meta(ge=-MAX_STAMP_S, le=MAX_STAMP_S)]
 
@@ -49,8 +51,8 @@ class Hello(_Message, frozen=True, tag="hello"):
     software_version: ShortText
     site_id: ShortText
     map_checksum: ShortText
-    graph_version: int
-    settings_revision: int
+    graph_version: Count
+    settings_revision: Count
     now_s: Finite
     """The device's clock as it sends this."""
 
@@ -75,7 +77,7 @@ class WalkerState(_Message, frozen=True, tag="state"):
     pose: tuple[float, float, float, float] | None = None
     """x, y, eye height (m) and heading (rad) in the world; None when lost."""
     position_std_m: float | None = None
-    inlier_count: int = 0
+    inlier_count: Count = 0
     direction_rad: float | None = None
     """θ_walk, relative to the heading."""
     expected_rad: float | None = None
@@ -119,7 +121,7 @@ class RouteChanged(_Message, frozen=True, tag="route"):
 class Event(_Message, frozen=True, tag="event"):
     """Something that must not be lost: kept on the device until confirmed."""
 
-    sequence: int
+    sequence: Count
     stamp_s: Finite
     kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
     text: Text
@@ -128,16 +130,16 @@ class Event(_Message, frozen=True, tag="event"):
 class SettingsRunning(_Message, frozen=True, tag="settings_running"):
     """The settings that the device runs; the answer to ApplySettings."""
 
-    revision: int
+    revision: Count
     values: dict[str, float | int | bool | str]
-    refused_revision: int | None = None
+    refused_revision: Count | None = None
     refusal: Text = ""
 
 
 class GraphRunning(_Message, frozen=True, tag="graph_running"):
     """The PoI-graph that the device runs; the answer to PublishGraph."""
 
-    version: int
+    version: Count
     refusal: Text = ""
 
 
@@ -166,7 +168,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     """The console takes the device in."""
 
     protocol_version: int
-    last_event_sequence: int
+    last_event_sequence: Count
     """The last event of this device that the console has stored."""
 
 
@@ -201,7 +203,7 @@ class Say(_Message, frozen=True, tag="say"):
 class ApplySettings(_Message, frozen=True, tag="apply_settings"):
     """Run these settings: all of them or, where one is refused, none."""
 
-    revision: int
+    revision: Count
     values: dict[str, float | int | bool | str]
 
 
@@ -216,15 +218,15 @@ class MapAvailable(_Message, frozen=True, tag="map_available"):
 
     path: ShortText
     map_checksum: ShortText
-    size_bytes: int
-    package_sha256: Annotated[str, msgspec.Meta(pattern="^[0-9a-f]{64}$")]
+    size_bytes: Count
+    package_sha256: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
     """Of the package as it is fetched; it also names the package, so that a download can go on later."""
 
 
 class EventConfirmed(_Message, frozen=True, tag="event_confirmed"):
     """Events up to this one are stored."""
 
-    sequence: int
+    sequence: Count
 
 
 class Ping(_Message, frozen=True, tag="ping"):

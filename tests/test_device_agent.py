@@ -162,6 +162,7 @@ def test_settings_take_effect_with_an_acknowledgement_or_not_at_all(tmp_path: Pa
     answer = rig.messages(SettingsRunning)[-1]
     assert (answer.revision, answer.refused_revision) == (7, 8)
     assert "follower.sub_goal_distance_m" in answer.refusal
+    rig.agent.settle()
     settings, revision = store.load_settings()
     assert (settings, revision) == (rig.agent.state.settings, 7)
 

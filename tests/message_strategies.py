@@ -18,7 +18,7 @@ def _struct(info: inspect.StructType) -> st.SearchStrategy[Any]:
     return st.builds(info.cls, **{field.name: _value(field.type) for field in info.fields})
 
 
-def _value(info: inspect.Type) -> st.SearchStrategy[Any]:
+def _value(info: inspect.Type) -> st.SearchStrategy[Any]:  # noqa: C901  # one line for each type there is
     match info:
         case inspect.StructType():
             return _struct(info)

@@ -14,6 +14,8 @@ from link_proxy import Network
 from navcore.site import Site, save_site
 from navcore.wire import Event
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def console(tmp_path: Path, small_site: Site) -> Iterator[ConsoleProcess]:

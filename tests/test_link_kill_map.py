@@ -19,6 +19,7 @@ from test_link_kill import device_on, until
 from device_agent.device_store import DeviceStore
 from navcore.site import Site, map_checksum, pack_site, save_site
 
+pytestmark = pytest.mark.slow
 POINTS_COUNT = 200_000
 _OTHER_MESSAGES_BYTES = 20_000
 

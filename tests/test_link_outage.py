@@ -8,9 +8,10 @@ import json
 import os
 import sqlite3
 import threading
+import time
 import weakref
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,9 +30,9 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.link_state import LinkCondition, LinkState
 from device_agent.ports import Clock
-from navcore.site import Site, save_site
+from navcore.site import Site, load_site, map_checksum, save_site
 from navcore.types import Action, Frame
-from navcore.wire import ApplySettings, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SettingsRunning, WalkerState
 
 CUT_S = 600
 
@@ -340,3 +341,30 @@ def test_guidance_goes_on_while_the_disk_does_not_take_its_settings(tmp_path: Pa
     rig.cycles(1)
     rig.agent.settle()
     assert store.load_settings()[1] == 4
+
+
+def test_the_consoles_map_is_fetched_while_somebody_walks_taken_when_they_stop_and_acknowledged(
+    ends: Ends, small_site: Site
+) -> None:
+    own = ends.folder / "own"
+    save_site(replace(small_site, name="Older", roads_m=(small_site.roads_m[0] + 1.0,)), own)
+    link, hub, offered = ends.link(SystemClock()), ends.console.services.hub, ends.console.services.package.checksum
+    rig = Rig(DeviceStore(ends.folder / "state", own), link=link)
+    rig.lead_to()
+
+    def walk_until(holds: Callable[[LiveDevice], bool]) -> None:
+        deadline_s = time.monotonic() + 60.0
+        while not holds(hub.device("glasses")):
+            rig.cycles(1)
+            assert time.monotonic() < deadline_s, "the console was never told"
+
+    link.start(rig.agent)
+    ends.states.joined()
+    walk_until(lambda device: device.map_waiting == offered)
+    assert hub.device("glasses").map_checksum == "old-map"
+    assert load_site(own).name == "Older"
+    rig.agent.submit(ClearDestination())
+    walk_until(lambda device: device.map_checksum == offered and not device.map_waiting)
+    assert map_checksum(own) == offered
+    walk_until(lambda device: device.graph_version == ends.console.services.model.published.version)
+    link.stop()

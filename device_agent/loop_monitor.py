@@ -27,6 +27,8 @@ class LoopMonitor:
         self._plan = LoadPlan()
         self._statistics = StageStatistics()
         self._logged_s = self._summed_s = -math.inf
+        self.newest: StageTimes | None = None
+        """What the newest cycle that was located took."""
         self.summaries: tuple[StageSummary, ...] = ()
         """What the stages took, renewed once a second."""
 
@@ -50,6 +52,7 @@ class LoopMonitor:
             max(0.0, age_s - work_s), took_s.get("localize", 0.0), sum(took_s.get(stage, 0.0) for stage in _GUIDE),
             took_s.get("cues", 0.0), hand_off_s, age_s,
         )  # fmt: skip
+        self.newest = times
         self._statistics.note(times, deadlines)
         self._tell(cued_s)
         if not (self._plans and deadlines.do_less):

@@ -44,3 +44,9 @@ def carried_on(before: Localization, last: Localization, stamp_s: float) -> Loca
     moved_m2, turned_rad2 = ((0.5 * each * ahead_s**2) ** 2 for each in (ACCELERATION_M_S2, TURNING_RAD_S2))
     covariance = last.covariance + np.diag([moved_m2] * 3 + [turned_rad2] * 3)
     return replace(last, stamp_s=stamp_s, world_from_camera=pose, covariance=covariance, inlier_count=0)
+
+
+def warm_up() -> None:
+    """Compile what carrying on needs."""
+    here = Localization(0.0, LocalizationQuality.LOCALIZED, Transform.identity(), np.eye(6))
+    carried_on(here, replace(here, stamp_s=0.1), 0.2)

@@ -83,7 +83,8 @@ class Rig:
         self.localizer = FakeLocalizer(lambda frame: self.locate(frame))
         output = self.output if self.first_output is None else TeeOutput([self.first_output, self.output])
         parts = DeviceParts(
-            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, output, self.link or self.uplink,
+            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, output,
+            self.link or self.uplink,
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
             timer_s=self.timer_s, plans_load=self.plans_load, tap=self.tap,
         )  # fmt: skip

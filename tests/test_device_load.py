@@ -9,7 +9,7 @@ import pytest
 from device_hall import Rig, pose_at
 
 from device_agent.agent import LOAD_TEXTS
-from device_agent.load_plan import FEWER_FEATURES_FRACTION, LATE_COUNT, LoadLevel
+from device_agent.load_plan import CALM_COUNT, FEWER_FEATURES_FRACTION, LATE_COUNT, LoadLevel
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder
@@ -142,13 +142,11 @@ def test_a_lost_place_is_looked_for_with_all_features_in_every_frame() -> None:
 def test_after_a_calm_all_is_done_again() -> None:
     processor = SlowProcessor()
     rig = processor.rig()
-    processor.all_features_s = 3 * BUDGET_S
-    walk(rig, 2 * LATE_COUNT + 4)
+    processor.all_features_s = 1.2 * BUDGET_S
+    walk(rig, LATE_COUNT + 2)
+    assert level(rig) is LoadLevel.FEWER_FEATURES
     processor.all_features_s = 0.0
-    for _ in range(700):
-        # To and fro, for the road ends.
-        rig.pose = pose_at(2.0)
-        rig.cycles(1)
+    walk(rig, 2 * CALM_COUNT + 2)
     assert level(rig) is LoadLevel.FULL
     assert rig.localizer.feature_fraction == 1.0
     assert LOAD_TEXTS[LoadLevel.FULL] in rig.events("mode")
@@ -168,11 +166,7 @@ def test_a_walk_with_every_level_is_replayed_bit_for_bit(tmp_path: Path) -> None
     processor = SlowProcessor()
     rig = processor.rig(recorder)
     processor.all_features_s = 3 * BUDGET_S
-    walk(rig, 60)
-    processor.all_features_s = 0.0
-    for _ in range(400):
-        rig.pose = pose_at(6.0)
-        rig.cycles(1)
+    walk(rig, 40)
     recorder.close()
     (path,) = parts_in(tmp_path)
     cycles = list(replay([RecordedPart(path)]))

@@ -3,6 +3,7 @@
     python -m benchmarks.loop --cache FOLDER [--seconds 60] [--rate-hz 30] [--target-ghz 1.44] [--no-plan]
     python -m benchmarks.loop --cache FOLDER --minutes 60
     python -m benchmarks.loop --cache FOLDER --start
+    python -m benchmarks.loop --cache FOLDER --accuracy
 
 FOLDER keeps what is made the first time (some minutes, 6 GB): a walk of 150 m through the simulated office floor at
 640×480, the site that is built of it (more than 300 key frames), and another walk of 18 m at 30 Hz in the building.
@@ -17,6 +18,9 @@ FOLDER keeps what is made the first time (some minutes, 6 GB): a walk of 150 m t
   recorder writing in between, and tells what the process holds.
 - ``--start`` runs ``vbr device`` on the recording and takes the time from its start until it says *Ready*, with the
   kernels compiled (``make install`` does that) and, the last time, without.
+
+- ``--accuracy`` plays both walks forwards at each level of the load plan, and compares the poses with the truth, those
+  that were carried on at half rate apart. The first walk is the map's own, at 10 Hz.
 
 Prints JSON. Times are real time, in milliseconds.
 """
@@ -49,6 +53,7 @@ from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
+from device_agent.load_plan import LoadLevel
 from device_agent.localization import make_localizer
 from device_agent.orders import Lead
 from device_agent.ports import Clock, DepthCamera, Uplink
@@ -59,16 +64,22 @@ from device_agent.single_core import use_one_core
 from device_agent.stage_statistics import StageTimes
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
-from navcore.recording import open_recording
+from navcore.evaluation import align_rigidly
+from navcore.geometry import Transform
+from navcore.recording import open_recording, read_trajectory
 from navcore.settings import LocalizationSettings, Settings
 from navcore.site import load_site, save_site
 from navcore.site_building import build_site
+from navcore.slam.lie import log_so3
+from navcore.types import Localization, LocalizationQuality
 
 SIZE_PX = (640, 480)
 PLACES = ("bar", "wash-room")
 """Where the device leads, in turn."""
 HOUR_RATE_HZ = 10.0
 STARTS = 4
+MOST_COMPARED = 600
+"""Frames of a walk of which poses are compared with the truth."""
 _NOBODY = "ws://127.0.0.1:9"
 """Nothing listens there."""
 _SETTLING_S = 3.0
@@ -92,12 +103,23 @@ def prepare(cache: Path) -> None:
 class Device:
     """The agent on prepared frames, always leading somewhere."""
 
-    def __init__(self, cache: Path, folder: Path, camera: DepthCamera, clock: Clock, uplink: Uplink, plans: bool):
+    def __init__(
+        self,
+        cache: Path,
+        folder: Path,
+        camera: DepthCamera,
+        clock: Clock,
+        uplink: Uplink,
+        *,
+        plans: bool = False,
+        level: LoadLevel | None = None,
+    ) -> None:
+        """``level`` is that of every cycle, whatever the plan says."""
         self._site = load_site(cache / "site")
         settings = Settings()
         localizer = make_localizer(self._site, camera.intrinsics, settings)
         self.keyframes = len(self._site.map_arrays["camera_from_world"])
-        self.recorder = WalkRecorder(RecordingOptions(folder / "records", reserve_bytes=0))
+        self.recorder = _LevelledRecorder(RecordingOptions(folder / "records", reserve_bytes=0), level)
         self._sonar = FakeSonar(clock)
         output = TextOutput(Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process
         parts = DeviceParts(
@@ -117,6 +139,18 @@ class Device:
         self.agent.run_cycle()
 
 
+class _LevelledRecorder(WalkRecorder):
+    """A recorder that decides the level of the load plan, where that is wanted."""
+
+    def __init__(self, options: RecordingOptions, level: LoadLevel | None) -> None:
+        super().__init__(options)
+        self._level = level
+
+    def load_level(self, level: LoadLevel) -> LoadLevel:
+        """Return the level that is wanted."""
+        return super().load_level(self._level or level)
+
+
 def walk(cache: Path, seconds: float, rate_hz: float, plans: bool, fraction: float) -> dict[str, Any]:
     """Play the second walk in real time; return the figures."""
     frames = prepared(cache / "walk30", cache / "walk30.frames")
@@ -132,7 +166,7 @@ def walk(cache: Path, seconds: float, rate_hz: float, plans: bool, fraction: flo
         stack.callback(camera.close)
         how = stack.enter_context(limited(fraction))
         share = measured_fraction()
-        device = Device(cache, folder, camera, clock, link, plans)
+        device = Device(cache, folder, camera, clock, link, plans=plans)
         stack.callback(device.recorder.close)
         device.recorder.start()
         link.start(device.agent)
@@ -194,7 +228,7 @@ def hour(cache: Path, minutes: float) -> dict[str, Any]:
     held: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         camera = PreparedCamera(frames, clock, HOUR_RATE_HZ)
-        device = Device(cache, Path(name), camera, clock, NoUplink(), plans=False)
+        device = Device(cache, Path(name), camera, clock, NoUplink())
         qualities: Counter[str] = Counter()
         marks = [*(each for each in (1, 5, 15, 30, 45) if each < minutes), minutes]
         while marks:
@@ -210,6 +244,57 @@ def hour(cache: Path, minutes: float) -> dict[str, Any]:
     return {
         "keyframes": device.keyframes, "minutes": minutes, "cycles": sum(qualities.values()),
         "qualities": dict(qualities), **held, **_memory(), "took_s": round(time.monotonic() - real_s, 1),
+    }  # fmt: skip
+
+
+def accuracy(cache: Path) -> dict[str, Any]:
+    """Return the errors of the poses at each level, of both walks."""
+    return {
+        f"{name} at {rate_hz:g} Hz": {level.value: _errors(cache, name, rate_hz, level) for level in LoadLevel}
+        for name, rate_hz in (("walk30", 30.0), ("walk", HOUR_RATE_HZ))
+    }
+
+
+def _errors(cache: Path, name: str, rate_hz: float, level: LoadLevel) -> dict[str, Any]:
+    frames = prepared(cache / name, cache / f"{name}.frames")
+    _, truth = read_trajectory(cache / name / "groundtruth.txt")
+    clock = SteppedClock(1000.0)
+    found: list[tuple[Localization, Transform]] = []
+    qualities: Counter[str] = Counter()
+    with tempfile.TemporaryDirectory() as folder:
+        camera = PreparedCamera(frames, clock, rate_hz)
+        device = Device(cache, Path(folder), camera, clock, NoUplink(), level=level)
+        while camera.captured_count < min(MOST_COMPARED, frames.count):
+            device.cycle()
+            device.recorder.check()
+            located = device.agent.state.located
+            assert located is not None, "a prepared camera does not fail"
+            qualities[located.quality.value] += 1
+            if located.quality is LocalizationQuality.LOCALIZED:
+                found.append((located, truth[camera.captured_count - 1]))
+        device.recorder.close()
+        camera.close()
+    places = [pose.translation for located, _ in found if (pose := located.world_from_camera) is not None]
+    building_from_map = align_rigidly(np.array([true.translation for _, true in found]), np.array(places))
+    carried = [each for each in found if each[0].inlier_count == 0]
+    figures: dict[str, Any] = {"qualities": dict(qualities)}
+    for which, poses in (("located", [each for each in found if each[0].inlier_count > 0]), ("carried", carried)):
+        if poses:
+            figures[which] = _apart(poses, building_from_map)
+    return figures
+
+
+def _apart(found: list[tuple[Localization, Transform]], building_from_map: Transform) -> dict[str, float]:
+    off_m, turned_deg = [], []
+    for located, true in found:
+        assert located.world_from_camera is not None
+        off = true.inverse() @ building_from_map @ located.world_from_camera
+        off_m.append(float(np.linalg.norm(off.translation)))
+        turned_deg.append(float(np.degrees(np.linalg.norm(log_so3(np.array(off.rotation))))))
+    return {
+        "frames": len(found),
+        "position_rmse_m": round(float(np.sqrt(np.mean(np.square(off_m)))), 4), "position_max_m": round(max(off_m), 3),
+        "rotation_median_deg": round(float(np.median(turned_deg)), 2), "rotation_max_deg": round(max(turned_deg), 2),
     }  # fmt: skip
 
 
@@ -248,6 +333,15 @@ def _memory() -> dict[str, float]:
     return {"rss_mb": _resident_mb(), "rss_peak_mb": round(peak_kb * 1024 / 1e6, 1)}
 
 
+def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
+    if arguments.accuracy:
+        return accuracy(arguments.cache)
+    if arguments.minutes is not None:
+        return hour(arguments.cache, arguments.minutes)
+    fraction = 1.0 if arguments.target_ghz is None else min(1.0, arguments.target_ghz / arguments.host_ghz)
+    return walk(arguments.cache, arguments.seconds, arguments.rate_hz, not arguments.no_plan, fraction)
+
+
 def main() -> int:
     """Run the benchmark; print its figures."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -259,6 +353,7 @@ def main() -> int:
     parser.add_argument("--no-plan", action="store_true")
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--start", action="store_true")
+    parser.add_argument("--accuracy", action="store_true")
     arguments = parser.parse_args()
     if arguments.target_ghz is not None and arguments.host_ghz is None:
         parser.error("the kernel does not tell this machine's clock: name it with --host-ghz")
@@ -269,12 +364,7 @@ def main() -> int:
     else:
         use_one_core()
         warm_up()
-        fraction = 1.0 if arguments.target_ghz is None else min(1.0, arguments.target_ghz / arguments.host_ghz)
-        figures = (
-            hour(arguments.cache, arguments.minutes)
-            if arguments.minutes is not None
-            else walk(arguments.cache, arguments.seconds, arguments.rate_hz, not arguments.no_plan, fraction)
-        )
+        figures = _measured(arguments)
     json.dump(figures, sys.stdout, indent=1)
     sys.stdout.write("\n")
     return 0

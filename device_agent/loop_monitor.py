@@ -27,6 +27,7 @@ class LoopMonitor:
         self._plan = LoadPlan()
         self._statistics = StageStatistics()
         self._logged_s = self._summed_s = -math.inf
+        self._logged_missed_count = 0
         self.newest: StageTimes | None = None
         """What the newest cycle that was located took."""
         self.summaries: tuple[StageSummary, ...] = ()
@@ -67,4 +68,12 @@ class LoopMonitor:
         if now_s - self._logged_s >= LOG_EVERY_S:
             first, self._logged_s = self._logged_s == -math.inf, now_s
             if not first:
-                _log.info("%d cycles, %s; %s", self._statistics.cycle_count, self.level.value, as_text(self.summaries))
+                self._log_line()
+
+    def _log_line(self) -> None:
+        """Write how it went, as a warning where something was late since the last line."""
+        missed_count = sum(each.missed_count for each in self.summaries)
+        level = logging.WARNING if missed_count > self._logged_missed_count else logging.INFO
+        self._logged_missed_count = missed_count
+        count = self._statistics.cycle_count
+        _log.log(level, "%d cycles, load level %s; %s", count, self.level.value, as_text(self.summaries))

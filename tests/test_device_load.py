@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +12,7 @@ from device_hall import Rig, pose_at
 
 from device_agent.agent import LOAD_TEXTS
 from device_agent.load_plan import CALM_COUNT, FEWER_FEATURES_FRACTION, LATE_COUNT, LoadLevel
+from device_agent.loop_monitor import LoopMonitor
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder
@@ -84,6 +87,22 @@ def test_late_stages_are_counted_and_visible() -> None:
     assert told["localize"].missed_count == 7
     assert told["localize"].max_ms == pytest.approx(46.0, abs=0.01)
     assert told["guide"].missed_count == 0
+
+
+def test_a_line_of_the_log_tells_once_a_minute_and_warns_where_something_was_late(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    caplog.set_level(logging.INFO, "device_agent.loop_monitor")
+    monitor, deadlines = LoopMonitor(plans=False), DeadlineSettings()
+    cycle = replace(Rig().lead_to(), stage_ms={})
+    for number in range(1810):
+        late_s = 1.0 if number == 700 else 0.0
+        stamped = replace(cycle, stamp_s=100.0 + 0.1 * number)
+        monitor.note(stamped, stamped.stamp_s + 0.03 + late_s, 0.001, deadlines)
+    lines = [(record.levelname, record.message) for record in caplog.records]
+    assert [level for level, _ in lines] == ["INFO", "WARNING", "INFO"]
+    assert "capture_to_cue" in lines[1][1]
+    assert "(1 late)" in lines[1][1]
 
 
 def test_features_go_first_and_that_is_told() -> None:

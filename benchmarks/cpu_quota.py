@@ -14,7 +14,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 PERIOD_S = 0.01
@@ -54,6 +54,25 @@ def measured_fraction(seconds: float = 1.0) -> float:
     while time.perf_counter() - began_s < seconds:
         pass
     return (time.thread_time() - cpu_s) / (time.perf_counter() - began_s)
+
+
+def others_fraction(core: int) -> Callable[[], float]:
+    """Return what tells, when it is called, the share of a core's time that other processes have had since now."""
+    began_s, core_s, own_s = time.monotonic(), _busy_s(core), time.process_time()
+
+    def fraction() -> float:
+        others_s = _busy_s(core) - core_s - (time.process_time() - own_s)
+        return max(0.0, others_s / (time.monotonic() - began_s))
+
+    return fraction
+
+
+def _busy_s(core: int) -> float:
+    """Return for how long a core has not been idle, to the kernel's hundredth of a second."""
+    lines = Path("/proc/stat").read_text(encoding="ascii").splitlines()
+    ticks = next(line.split()[1:] for line in lines if line.startswith(f"cpu{core} "))
+    idle, waiting = int(ticks[3]), int(ticks[4])
+    return (sum(map(int, ticks[:8])) - idle - waiting) / os.sysconf("SC_CLK_TCK")
 
 
 def _made_group(fraction: float) -> Path | None:

@@ -13,12 +13,12 @@ FOLDER keeps what is made the first time (some minutes, 6 GB): a walk of 150 m t
   journal, and a link to a console that is not there. All of it runs on one core (``sched_setaffinity``). Frames lie
   unpacked on disk; copying them is paid on the same core. With ``--target-ghz`` the process gets a share of the core in
   the ratio of that clock to this machine's (``--host-ghz`` where the kernel does not tell it; see
-  benchmarks/cpu_quota.py). ``--no-plan`` leaves nothing out, however slow it is.
+  benchmarks/cpu_quota.py). ``others_core_share`` is what other processes took of that core meanwhile: where that is
+  more than a few hundredths, the times are not the device's own. ``--no-plan`` leaves nothing out, however slow it is.
 - ``--minutes`` plays the first walk at 10 Hz for so long by the device's clock, as fast as the machine can, with the
   recorder writing in between, and tells what the process holds.
 - ``--start`` runs ``vbr device`` on the recording and takes the time from its start until it says *Ready*, with the
   kernels compiled (``make install`` does that) and, the last time, without.
-
 - ``--accuracy`` plays both walks forwards at each level of the load plan, and compares the poses with the truth, those
   that were carried on at half rate apart. The first walk is the map's own, at 10 Hz.
 
@@ -43,7 +43,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.cpu_quota import clock_ghz, limited, measured_fraction
+from benchmarks.cpu_quota import clock_ghz, limited, measured_fraction, others_fraction
 from benchmarks.prepared_frames import PreparedCamera, PreparedFrames, prepared
 from device_agent.adapters.clocks import SteppedClock, SystemClock
 from device_agent.adapters.fakes import FakeSonar, NoUplink
@@ -182,6 +182,7 @@ def _walked(device: Device, source: PreparedCamera, clock: Clock, seconds: float
     qualities: Counter[str] = Counter()
     actions: Counter[str] = Counter()
     begin_s = clock.now_s() + _SETTLING_S
+    others = others_fraction(max(os.sched_getaffinity(0)))
     captured = 0
     while clock.now_s() < begin_s + seconds:
         device.cycle()
@@ -198,6 +199,7 @@ def _walked(device: Device, source: PreparedCamera, clock: Clock, seconds: float
     agent.watchdog.stop()
     return {
         "keyframes": device.keyframes,
+        "others_core_share": round(others(), 3),
         "camera_hz": round((source.captured_count - captured) / passed_s, 1),
         "frame_rate_hz": round(len(taken) / passed_s, 1),
         **_percentiles(taken),

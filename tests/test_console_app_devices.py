@@ -19,6 +19,7 @@ from console.server import ConsoleServer
 from navcore.modes import Mode
 from navcore.site import Site, map_checksum, save_site, unpack_site
 from navcore.wire import (
+    PROTOCOL_VERSION,
     ApplySettings,
     DepthImage,
     Event,
@@ -102,7 +103,7 @@ def test_another_protocol_version_is_refused_with_the_reason(server: ConsoleServ
     other = DialledDevice(server.ready.url, token_for(admin), hello_of(server, protocol_version=99))
     code, reason = other.close_code()
     assert code == 4403
-    assert "protocol 2, this device 99" in reason
+    assert f"protocol {PROTOCOL_VERSION}, this device 99" in reason
 
 
 @pytest.mark.parametrize(

@@ -4,17 +4,24 @@ DATA ?= ../shared/data
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+# The SDKs of the depth cameras: make install CAMERAS=1
+CAMERAS ?=
+CAMERAS_INSTALLED := $(VENV)/.installed-cameras
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check mutants bench lock docs clean
+.PHONY: help install demo test check mutants bench lock arm docs clean
 
 help: ## show the commands
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
 
-install: $(INSTALLED) ## make .venv with everything that development needs
+install: $(INSTALLED) $(if $(CAMERAS),$(CAMERAS_INSTALLED)) ## make .venv with everything that development needs (CAMERAS=1: and the cameras' SDKs)
 
 $(INSTALLED): requirements.lock pyproject.toml .ci/install
 	@PYTHON="$(PYTHON)" .ci/install $(VENV)
+	@touch $@
+
+$(CAMERAS_INSTALLED): requirements-cameras.lock $(INSTALLED)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-cameras.lock
 	@touch $@
 
 demo: install ## walk through the simulated building, watched in the browser
@@ -40,8 +47,11 @@ docs: install ## write the generated pages of docs/
 
 lock: install ## resolve the dependencies anew
 	@$(BIN)/python -m pip install --quiet uv
-	@$(BIN)/uv pip compile --quiet --universal --generate-hashes --python-version 3.11 --no-emit-index-url --no-header \
-		--all-extras pyproject.toml --output-file requirements.lock
+	@.ci/lock $(BIN)
+
+arm: install ## resolve what the glasses need for aarch64, from wheels alone
+	@$(BIN)/python -m pip install --quiet uv
+	@.ci/arm $(BIN)
 
 clean: ## remove the virtual environment and what the demo keeps
 	@rm -rf $(VENV) .vbr

@@ -15,7 +15,7 @@ COMMANDS_SHOWN_COUNT = 6
 _STATE_FIELDS = (
     "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
     "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
-    "mode", "destination_id",
+    "mode", "destination_id", "load_level",
 )  # fmt: skip
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
@@ -19,7 +20,9 @@ from pathlib import Path
 from device_agent.adapters.fakes import NoButtons
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
+from device_agent.load_plan import LoadLevel
 from device_agent.loop import Ports, run_stages
+from device_agent.loop_monitor import LoopMonitor
 from device_agent.menu import pressed
 from device_agent.orders import Order, at_rest, carry_out
 from device_agent.ports import (
@@ -35,6 +38,7 @@ from device_agent.ports import (
 )
 from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
+from device_agent.stage_statistics import as_text
 from device_agent.state import (
     DeviceState,
     Effect,
@@ -83,6 +87,10 @@ class DeviceParts:
     """The displays of the glasses, where there are any."""
     buttons: Buttons = field(default_factory=NoButtons)
     """What the walker can press."""
+    timer_s: Callable[[], float] = time.perf_counter
+    """Measures how long the stages take, seconds."""
+    plans_load: bool = False
+    """Less is done where the loop is too slow. Not in lock step, where time does not pass by this machine's speed."""
     tap: Tap = field(default_factory=Tap)
     """Who listens in on the loop: a recorder, or nobody."""
 
@@ -101,6 +109,8 @@ class DeviceAgent:
         """Replaced as a whole, between two stages: any thread may read it."""
         self._localizer = localizer
         self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
+        self.monitor = LoopMonitor(plans=parts.plans_load)
+        """How long the stages take."""
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
@@ -182,11 +192,14 @@ class DeviceAgent:
         """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
         self._tap.cycle_begins()
         self._guarded("taking orders", self._take_orders)
+        self._take_load_level()
         parts = self._parts
         ports = Ports(
-            self._clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s
+            self._clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s,
+            timer_s=parts.timer_s,
         )  # fmt: skip
         self.state, cycle, effects = run_stages(self.state, self._tap.ports(ports))
+        cued_s, began_s = parts.clock.now_s(), parts.timer_s()
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
         else:
@@ -200,7 +213,17 @@ class DeviceAgent:
             # What the console shows is nothing that the walker's guidance may hang on.
             _log.exception("a cycle could not be reported")
         self._tap.cycle_ended(self.state, self._voice.memory, cycle)
+        self.monitor.note(cycle, cued_s, parts.timer_s() - began_s, self.state.settings.deadlines)
         return cycle
+
+    def _take_load_level(self) -> None:
+        """Leave out of this cycle what the cycles before had no time for; say so when that changes."""
+        level = self._tap.load_level(self.monitor.level)
+        if level is self.state.load_level:
+            return
+        self.state = replace(self.state, load_level=level)
+        _log.warning("%s %s", LOAD_TEXTS[level], as_text(self.monitor.summaries))
+        self._parts.uplink.event(self._parts.clock.now_s(), "mode", LOAD_TEXTS[level])
 
     def _guarded(self, what: str, work: Callable[[], None]) -> None:
         """Do what stands about the loop; where it raises, the walker is stopped, and the loop goes on."""
@@ -295,7 +318,8 @@ class DeviceAgent:
         """Leave with the uplink what the console shows, and what must not be lost."""
         uplink = self._parts.uplink
         self._measure_rate(cycle)
-        uplink.state(walker_state(self.state, cycle, self._voice.last_spoken, self._frame_rate_hz))
+        spoken, summaries = self._voice.last_spoken, self.monitor.summaries
+        uplink.state(walker_state(self.state, cycle, spoken, self._frame_rate_hz, summaries))
         if cycle.frame is not None:
             uplink.depth_image(cycle.frame)
         self._report_cues(cycle.cues)
@@ -320,4 +344,10 @@ class DeviceAgent:
             self._frame_rate_hz += share * (rate_hz - self._frame_rate_hz)
 
 
+LOAD_TEXTS = {
+    LoadLevel.FULL: "The device is fast enough again: nothing is left out.",
+    LoadLevel.FEWER_FEATURES: "The device is too slow: localization uses fewer features.",
+    LoadLevel.HALF_RATE: "The device is too slow: localization uses every second picture.",
+}
+"""What the console is told of a level."""
 _QUALITY_WORDS = {"localized": "known", "uncertain": "uncertain", "lost": "lost"}

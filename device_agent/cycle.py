@@ -10,7 +10,7 @@ from device_agent.motion import speed_m_s
 from device_agent.state import DeviceState
 from navcore.cues.table import Cue
 from navcore.types import Frame, Guidance, Localization, ObstacleScan
-from navcore.wire import WalkerState, WireCandidate
+from navcore.wire import StageSummary, WalkerState, WireCandidate
 
 DEVICE_WORK = ("localize", "plan", "scan", "guide", "cues")
 """The stages that count as work of the device, from the depth frame to the cue."""
@@ -38,7 +38,13 @@ class Cycle:
         return sum(self.stage_ms.get(stage, 0.0) for stage in DEVICE_WORK)
 
 
-def walker_state(state: DeviceState, cycle: Cycle, last_cue: Cue | None, frame_rate_hz: float) -> WalkerState:
+def walker_state(
+    state: DeviceState,
+    cycle: Cycle,
+    last_cue: Cue | None,
+    frame_rate_hz: float,
+    stages: tuple[StageSummary, ...] = (),
+) -> WalkerState:
     """Return the cycle as the console's message."""
     guidance, trace = cycle.guidance, cycle.guidance.trace
     located = cycle.localization
@@ -71,6 +77,8 @@ def walker_state(state: DeviceState, cycle: Cycle, last_cue: Cue | None, frame_r
         frame_rate_hz=frame_rate_hz,
         mode=state.mode,
         destination_id=state.destination_id,
+        load_level=state.load_level.value,
+        stages=stages,
     )
 
 

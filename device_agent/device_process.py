@@ -61,7 +61,9 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         tap = _tap(options, stack)
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap,
+            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap=tap,
+            # The simulated world waits for a slow loop.
+            plans_load=not options.simulated,
         )  # fmt: skip
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:

@@ -22,6 +22,10 @@ class MapLocalizer:
         """Return the pose of one frame."""
         return self._localizer.locate(frame)
 
+    def use_features(self, fraction: float) -> None:
+        """Look for this share of a frame's features from the next one on."""
+        self._localizer.use_features(fraction)
+
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on; where they differ, the pose is found anew."""
         if settings.localization != self._settings:

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 
 from device_agent.cycle import Cycle
+from device_agent.load_plan import LoadLevel
 from device_agent.motion import extended_trail
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, Effect, Happened
@@ -25,6 +26,7 @@ from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, remember_heard, with_memory
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
+from navcore.slam.dead_reckoning import carried_on
 from navcore.types import (
     Action,
     DecisionTrace,
@@ -51,12 +53,15 @@ class Ports:
     """When the watchdog last found guidance stale."""
     scan: Scanner = scan_depth
     """What reduces a depth image to bearings."""
+    timer_s: Callable[[], float] = time.perf_counter
+    """Measures the stages; nothing is decided by it within a cycle."""
 
 
 @dataclass(slots=True)
-class StageTimes:
+class StageTimer:
     """Measures each stage, and remembers the one that was begun last."""
 
+    timer_s: Callable[[], float]
     stage_ms: dict[str, float] = field(default_factory=dict)
     current: str = ""
 
@@ -64,11 +69,11 @@ class StageTimes:
     def stage(self, name: str) -> Iterator[None]:
         """Measure what is done inside."""
         self.current = name
-        began = time.perf_counter()
+        began_s = self.timer_s()
         try:
             yield
         finally:
-            self.stage_ms[name] = 1000.0 * (time.perf_counter() - began)
+            self.stage_ms[name] = 1000.0 * (self.timer_s() - began_s)
 
 
 SETTLED_AFTER_S = 1.0
@@ -78,7 +83,7 @@ Outcome = tuple[DeviceState, Cycle, tuple[Effect, ...]]
 
 def run_stages(state: DeviceState, ports: Ports) -> Outcome:
     """Run one cycle; return what to remember, what came out, and what else is to be done. Raises nothing."""
-    times = StageTimes()
+    times = StageTimer(ports.timer_s)
     frame: Frame | None = None
     try:
         with times.stage("capture"):
@@ -96,13 +101,13 @@ def run_stages(state: DeviceState, ports: Ports) -> Outcome:
         return _faulted(state, ports, frame, times, error)
 
 
-def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) -> Outcome:
+def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) -> Outcome:
     intrinsics, settings = ports.camera.intrinsics, state.settings
     effects: list[Effect] = []
     if state.blind:
         effects.append(Happened("sensor", "The camera delivers again."))
     with times.stage("localize"):
-        located = ports.localizer.locate(frame)
+        state, located = _located(state, ports.localizer, frame)
         pose = located.pose
     sure = located.quality is LocalizationQuality.LOCALIZED
     state = replace(
@@ -128,6 +133,22 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     state, arrived = _after(replace(state, guidance=guidance), now_s)
     cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
     return state, cycle, (*effects, *planned, *found, *arrived)
+
+
+def _located(state: DeviceState, localizer: LocalizerPort, frame: Frame) -> tuple[DeviceState, Localization]:
+    """Return where the frame was taken; at half rate every second sure pose is carried on, and never two in a row."""
+    last = state.located
+    was_found = last is not None and len(state.fixes) == 2 and last.stamp_s == state.fixes[-1].stamp_s
+    if state.load_level is LoadLevel.HALF_RATE and was_found:
+        before, found = state.fixes
+        carried = carried_on(before, found, frame.stamp_s)
+        if carried is not None:
+            return state, carried
+    # Whoever has lost the place needs all that a picture shows to find it again.
+    is_lost = last is None or last.quality is LocalizationQuality.LOST
+    localizer.use_features(1.0 if is_lost else state.load_level.feature_fraction)
+    located = localizer.locate(frame)
+    return replace(state, fixes=(*state.fixes[-1:], located)), located
 
 
 def _with_what_was_seen(
@@ -243,7 +264,7 @@ def _after(state: DeviceState, now_s: float) -> tuple[DeviceState, tuple[Effect,
     return state, (Happened("arrived", mode_event(state).text), *effects)
 
 
-def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) -> Outcome:
+def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) -> Outcome:
     """Off duty nobody is located, and no picture leaves the device; the camera is only kept awake."""
     guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "off duty")
     cues = ports.voice.tell(state, guidance, ports.clock.now_s())
@@ -251,24 +272,24 @@ def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) 
     return state, Cycle(frame.stamp_s, guidance, cues=cues, stage_ms=times.stage_ms), ()
 
 
-def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Outcome:
+def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimer) -> Outcome:
     """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
     now_s = ports.clock.now_s()
     guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
     told = () if state.blind else (Happened("sensor", why[:500]),)
     state, effects = happen(state, StateEvent.FAILED, now_s)
     cues = ports.voice.tell(state, guidance, now_s)
-    state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=(), located=None)
+    state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=(), located=None, fixes=())
     return state, Cycle(now_s, guidance, cues=cues, stage_ms=times.stage_ms), (*told, *effects)
 
 
-def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: StageTimes, error: Exception) -> Outcome:
+def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: StageTimer, error: Exception) -> Outcome:
     """Something was raised that nobody expected: guidance is *Stop*, and the watchdog says so."""
     now_s = ports.clock.now_s()
     fault = f"{times.current} failed: {type(error).__name__}: {error}"[:500]
     guidance = _stop(state, now_s, _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE), fault)
     state, effects = happen(state, StateEvent.FAILED, now_s)
-    state = replace(state, guidance=guidance, failed_s=now_s, trail=(), located=None)
+    state = replace(state, guidance=guidance, failed_s=now_s, trail=(), located=None, fixes=())
     return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), effects
 
 

@@ -94,7 +94,7 @@ def at_rest(state: DeviceState) -> Step:
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
             obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(),
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
-            located=None, sure=None,
+            located=None, fixes=(), sure=None,
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
     if state.waiting_graph is not None:

@@ -141,6 +141,10 @@ class LocalizerPort(Protocol):
         """Return the pose of one frame; frames come in order of their stamps."""
         ...
 
+    def use_features(self, fraction: float) -> None:
+        """Look for this share (0, 1] of a frame's features from the next one on, where the device is too slow."""
+        ...
+
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on."""
         ...

@@ -11,6 +11,7 @@ from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera
+from device_agent.adapters.waiting_cues import ThreadedOutput
 from device_agent.device_options import DeviceOptions
 from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.sensor_names import SensorName
@@ -151,7 +152,7 @@ def _simulated(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, 
 def _outputs(options: DeviceOptions) -> list[CueOutput]:
     outputs: list[CueOutput] = []
     if options.print_cues:
-        outputs.append(TextOutput())
+        outputs.append(ThreadedOutput(TextOutput()))
     speech = Speech()
     if options.wav is not None:
         from device_agent.adapters.wav_file import WavFileOutput

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Literal
 
+from device_agent.load_plan import LoadLevel
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
 from navcore.modes import Mode
 from navcore.obstacle.approach import RecentScans
@@ -77,6 +78,10 @@ class DeviceState:
     route_version: int = 0
     located: Localization | None = None
     """Where the last frame was taken; None without one, and off duty."""
+    fixes: tuple[Localization, ...] = ()
+    """The last two poses that the localizer has found, oldest first: by them a pose is carried on at half rate."""
+    load_level: LoadLevel = LoadLevel.FULL
+    """What is left out because the device is too slow."""
     sure: tuple[float, Pose2D] | None = None
     """When and where the position was last known for sure."""
     guidance: Guidance | None = None

@@ -162,7 +162,7 @@ def _unseen(state: DeviceState) -> DeviceState:
     """Forget what was seen where the walker may no longer be."""
     return replace(
         state, obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(), trail=(), blocked=(), located=None,
-        guidance=None,
+        fixes=(), guidance=None,
     )  # fmt: skip
 
 

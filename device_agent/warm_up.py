@@ -14,7 +14,9 @@ def warm_up(report: Callable[[int, int], None] = lambda done, total: None) -> in
 
     ``report`` is called with the number done and their total.
     """
-    modules = [importlib.import_module(info.name) for info in pkgutil.walk_packages(navcore.__path__, "navcore.")]
+    # Not the packages: theirs would call again what is called for their modules.
+    found = (info for info in pkgutil.walk_packages(navcore.__path__, "navcore.") if not info.ispkg)
+    modules = [importlib.import_module(info.name) for info in found]
     stages: list[Callable[[], None]] = [module.warm_up for module in modules if hasattr(module, "warm_up")]
     for index, stage in enumerate(stages):
         report(index, len(stages))

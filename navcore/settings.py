@@ -186,6 +186,30 @@ class WatchdogSettings(_Group):
     """A camera that delivers nothing for this long has failed."""
 
 
+class DeadlineSettings(_Group):
+    """Deadlines of the loop."""
+
+    capture_s: float = _setting(0.06, 0.02, 0.2, step=0.01, source="design")
+    """Age of a frame when the loop takes it: exposure, driver, and waiting for the cycle before."""
+    localize_s: float = _setting(0.045, 0.01, 0.3, step=0.005, source="design")
+    """Localization in one frame."""
+    guide_s: float = _setting(0.015, 0.005, 0.1, step=0.005, source="design")
+    """Planning, obstacle detection and guidance."""
+    cue_s: float = _setting(0.005, 0.001, 0.05, step=0.001, source="design")
+    """Choosing the cues and handing them to the output."""
+    hand_off_s: float = _setting(0.01, 0.001, 0.05, step=0.001, source="design")
+    """Handing over to watchdog, screen, link and recorder, after the cue."""
+    capture_to_cue_s: float = _setting(0.12, 0.08, 0.4, step=0.01, source="design: p50 60 ms, p99 120 ms")
+    """From a frame's capture to the cue that it leads to. What this leaves after ``capture_s`` is the work's budget."""
+    do_less: bool = _setting(True, source="degrade by plan, not by lag")
+    """Whether localization uses fewer features, and then every second frame only, while the work exceeds its budget."""
+
+    @property
+    def work_s(self) -> float:
+        """What the device's own work may take, from the frame to its cue."""
+        return max(0.02, self.capture_to_cue_s - self.capture_s)
+
+
 class Settings(BaseModel):
     """All settings, by group."""
 
@@ -198,6 +222,7 @@ class Settings(BaseModel):
     gate: GateSettings = GateSettings()
     cues: CueSettings = CueSettings()
     watchdog: WatchdogSettings = WatchdogSettings()
+    deadlines: DeadlineSettings = DeadlineSettings()
 
     def values(self) -> dict[str, SettingValue]:
         """Return every setting as ``group.name`` and value."""

@@ -21,7 +21,8 @@ from navcore.wire_row import Delivery, Direction, MessageRow
 
 PROTOCOL_VERSION = 3
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
-3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told.
+3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told;
+a state tells how long the loop's stages take, and what is left out where they take too long.
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
@@ -64,6 +65,18 @@ class WireCandidate(msgspec.Struct, frozen=True, array_like=True):
     clearance_m: float
 
 
+class StageSummary(msgspec.Struct, frozen=True, array_like=True):
+    """How long a stage of the loop takes: percentiles of the newest cycles; the longest and the late of all."""
+
+    stage: ShortText
+    """capture (age when it is taken), localize, guide, cue, hand_off, or capture_to_cue (the whole)."""
+    p50_ms: float
+    p99_ms: float
+    max_ms: float
+    missed_count: int
+    """Cycles in which it was later than its deadline."""
+
+
 class WalkerState(_Message, frozen=True, tag="state"):
     """Where the walker is and what guidance decided, after one cycle."""
 
@@ -97,6 +110,9 @@ class WalkerState(_Message, frozen=True, tag="state"):
     frame_rate_hz: float = 0.0
     mode: Mode = Mode.LOCALIZING
     destination_id: ShortText | None = None
+    load_level: Literal["full", "fewer_features", "half_rate"] = "full"
+    """What is left out because the device is too slow."""
+    stages: Annotated[tuple[StageSummary, ...], msgspec.Meta(max_length=16)] = ()
 
 
 class DepthImage(_Message, frozen=True, tag="depth_image"):

@@ -101,6 +101,10 @@ function decision(state, name) {
   return { sign: "walk", words: `Walking${towards}, ${Math.abs(degrees)}° ${side}` };
 }
 
+const LOAD = {
+  full: "", fewer_features: "; too slow: fewer features", half_rate: "; too slow: every second one is located",
+};
+
 function mapNews(device) {
   return device.map_waiting ? "a newer one waits until nobody is led" : device.map_refusal;
 }
@@ -118,7 +122,7 @@ function figures(device, state) {
     ["Speed", ...(state.speed_m_s === null ? ["–"] : [state.speed_m_s.toFixed(1), "m/s"])],
     ["Nearest ahead (camera)", state.nearest_ahead_m === null ? "free" : metres(state.nearest_ahead_m)],
     ["Ultrasonic", state.sonar_state === "ok" ? metres(state.sonar_m) : SONAR[state.sonar_state]],
-    ["Camera pictures", state.frame_rate_hz.toFixed(0), `per second, ${state.cycle_ms.toFixed(0)} ms each`],
+    ["Camera pictures", state.frame_rate_hz.toFixed(0), `per second, ${state.cycle_ms.toFixed(0)} ms each${LOAD[state.load_level]}`],
     ["Link delay", ...delay],
     ["Clocks compared", ...clocks],
     ["Map", device.map_checksum.slice(0, 8) || "–", mapNews(device)],

@@ -249,5 +249,8 @@ class NoisyTruth:
         believed = Transform.from_rotation_translation(rotation, head.translation + noise[:3])
         return Localization(frame.stamp_s, LocalizationQuality.LOCALIZED, believed, np.eye(6) * 1e-3, 200)
 
+    def use_features(self, fraction: float) -> None:
+        """The truth has no features."""
+
     def apply(self, settings: Settings) -> None:
         """There is nothing to set."""

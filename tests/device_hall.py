@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
@@ -9,10 +10,11 @@ import numpy as np
 
 from device_agent.adapters.clocks import SteppedClock
 from device_agent.adapters.fakes import FakeButtons, FakeCamera, FakeLocalizer, FakeOutput, FakeSonar, FakeUplink
+from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
-from device_agent.ports import Button, ButtonPress, PressKind, Uplink
+from device_agent.ports import Button, ButtonPress, CueOutput, PressKind, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
 from navcore.cues.table import CueKind
@@ -68,21 +70,25 @@ class Rig:
     locate_error: Exception | None = None
     quality: LocalizationQuality = LocalizationQuality.LOCALIZED
     tap: Tap = field(default_factory=Tap)
+    timer_s: Callable[[], float] = time.perf_counter
+    plans_load: bool = False
     link: Uplink | None = None
-    """Where what the console shall know goes; None keeps it in ``uplink``."""
+    """Where events go instead of to the fake."""
+    first_output: CueOutput | None = None
+    """Speaks before the fake does."""
 
     def __post_init__(self) -> None:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
         self.sonar = FakeSonar(self.clock)
+        self.localizer = FakeLocalizer(lambda frame: self.locate(frame))
+        output = self.output if self.first_output is None else TeeOutput([self.first_output, self.output])
         parts = DeviceParts(
-            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output,
+            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, output,
             self.link or self.uplink,
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
-            tap=self.tap,
+            timer_s=self.timer_s, plans_load=self.plans_load, tap=self.tap,
         )  # fmt: skip
-        self.agent = DeviceAgent(
-            parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)
-        )
+        self.agent = DeviceAgent(parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), self.localizer)
 
     def _frames(self) -> Iterator[Frame | Exception]:
         while True:

@@ -8,8 +8,8 @@ import pytest
 from navcore.errors import MappingError
 from navcore.geometry import Transform
 from navcore.settings import LocalizationSettings
-from navcore.slam.features import FeatureExtractor
-from navcore.slam.keyframes import SlamCamera
+from navcore.slam.features import FeatureExtractor, feature_count_for
+from navcore.slam.keyframes import Features, SlamCamera
 from navcore.slam.localizer import Localizer
 from navcore.slam.mapper import Mapper
 from navcore.slam.rehearsal import REHEARSAL_CAMERA, rehearse, sliding_frames
@@ -79,6 +79,35 @@ def test_dropped_frames_are_bridged(localizer: Localizer, walk: list[tuple[Frame
         found = localizer.locate(frame)
         assert found.world_from_camera is not None
         assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.05
+
+
+def test_fewer_features_and_all_again_lose_nothing(
+    localizer: Localizer, walk: list[tuple[Frame, Transform]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    extracted: list[int] = []
+    extract = FeatureExtractor.extract_grey
+
+    def counted(extractor: FeatureExtractor, grey: np.ndarray, depth_m: np.ndarray) -> Features:
+        features = extract(extractor, grey, depth_m)
+        extracted.append(len(features))
+        return features
+
+    monkeypatch.setattr(FeatureExtractor, "extract_grey", counted)
+    for number, (frame, truth) in enumerate(walk):
+        localizer.use_features(0.5 if 20 <= number < 40 else 1.0)
+        found = localizer.locate(frame)
+        if number >= 3:
+            assert found.quality is LocalizationQuality.LOCALIZED
+            assert found.world_from_camera is not None
+            assert np.linalg.norm(found.world_from_camera.translation - truth.translation) < 0.03
+    assert max(extracted[20:40]) < 0.6 * min(extracted[:20])
+    assert min(extracted[40:]) > 0.9 * min(extracted[:20])
+
+
+@pytest.mark.parametrize(("fraction", "count"), [(1.0, 600), (0.6, 360), (0.1, 300), (0.0, 300)])
+def test_some_features_are_always_looked_for(localizer: Localizer, fraction: float, count: int) -> None:
+    localizer.use_features(fraction)
+    assert localizer._extractor.count == feature_count_for(320, 240, count)
 
 
 def test_another_place_is_lost(localizer: Localizer) -> None:

@@ -150,6 +150,18 @@ def _state_rows(state: WalkerState, graph: PoiGraph) -> list[tuple[str, str]]:
     if state.last_cue:
         rows.append(("Last heard", f"“{state.last_cue}”"))
     rows.append(("Cycle", f"{state.cycle_ms:.0f} ms, {state.frame_rate_hz:.0f} Hz"))
+    rows += _load_rows(state)
+    return rows
+
+
+def _load_rows(state: WalkerState) -> list[tuple[str, str]]:
+    whole = next((each for each in state.stages if each.stage == "capture_to_cue"), None)
+    rows = []
+    if whole is not None:
+        late = f", {whole.missed_count} late" if whole.missed_count else ""
+        rows.append(("Picture to cue", f"{whole.p50_ms:.0f} ms, 99 %: {whole.p99_ms:.0f} ms{late}"))
+    if state.load_level != "full":
+        rows.append(("Too slow", f"{state.load_level.replace('_', ' ')} in localization"))
     return rows
 
 

@@ -203,10 +203,16 @@ class FakeLocalizer:
 
     def __init__(self, locate: Callable[[Frame], Localization]) -> None:
         self._locate = locate
+        self.feature_fraction = 1.0
+        """What was last asked for."""
 
     def locate(self, frame: Frame) -> Localization:
         """Return (or raise) what the function does."""
         return self._locate(frame)
+
+    def use_features(self, fraction: float) -> None:
+        """Keep it."""
+        self.feature_fraction = fraction
 
     def apply(self, settings: Settings) -> None:
         """There is nothing to set."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 import contextlib
 import importlib
 import logging
-import queue
 import threading
 from typing import Any
 
+from device_agent.adapters.waiting_cues import WaitingCues
 from device_agent.audio import render_cue
 from device_agent.speech import SAMPLE_RATE_HZ, Speech
 from navcore.cues.table import Cue
@@ -34,7 +34,7 @@ class SoundDeviceOutput:
             # The package raises errors of its own, and OSError where the system's PortAudio is missing.
             raise SensorError(f"There is no sound device to play on ({error}): plug one in, or use --wav.") from error
         self._speech = speech
-        self._cues: queue.SimpleQueue[Cue | None] = queue.SimpleQueue()
+        self._cues = WaitingCues()
         self._thread = threading.Thread(target=self._run, name="sound", daemon=True)
         self._thread.start()
 
@@ -45,11 +45,12 @@ class SoundDeviceOutput:
     def close(self) -> None:
         """Fall silent once the last cue has been heard out; an output that hangs is not waited for."""
         if self._thread.is_alive():
-            self._cues.put(None)
+            self._cues.close()
             self._thread.join(_LAST_CUE_S)
 
     def _run(self) -> None:
-        while (cue := self._newest()) is not None:
+        # What would be cut off at once is not rendered first.
+        while (cue := self._cues.newest()) is not None:
             try:
                 self._sounddevice.play(render_cue(cue, self._speech), SAMPLE_RATE_HZ)
             except Exception:
@@ -57,14 +58,3 @@ class SoundDeviceOutput:
                 _log.exception("a cue could not be played")
         with contextlib.suppress(Exception):
             self._sounddevice.wait()
-
-    def _newest(self) -> Cue | None:
-        """Return the newest cue: what would be cut off at once is not rendered first. None is the end."""
-        cue = self._cues.get()
-        while cue is not None and not self._cues.empty():
-            following = self._cues.get()
-            if following is None:
-                self._cues.put(None)
-                break
-            cue = following
-        return cue

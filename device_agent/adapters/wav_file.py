@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import queue
 import threading
 import wave
 from pathlib import Path
 
 import numpy as np
 
+from device_agent.adapters.waiting_cues import WaitingCues
 from device_agent.audio import StereoSamples, render_cue
 from device_agent.speech import SAMPLE_RATE_HZ, Speech
 from navcore.cues.table import Cue
 from navcore.errors import InputError
 
 _log = logging.getLogger(__name__)
+_MOST_WAITING = 20_000
+"""Cues of some hours: a walk in lock step is over long before its sound is written."""
 _TAIL_S = 10.0
 """Longest that the last cue may sound."""
 
@@ -45,7 +47,7 @@ class WavFileOutput:
         self._written = 0
         self._failed = False
         self._sounding: StereoSamples = np.zeros((0, 2), np.float32)
-        self._cues: queue.SimpleQueue[Cue | None] = queue.SimpleQueue()
+        self._cues = WaitingCues(_MOST_WAITING)
         self._thread = threading.Thread(target=self._run, name="wav", daemon=True)
         self._thread.start()
 
@@ -57,7 +59,7 @@ class WavFileOutput:
     def close(self) -> None:
         """Write the rest and finish the file."""
         if self._thread.is_alive():
-            self._cues.put(None)
+            self._cues.close()
             self._thread.join()
 
     def _run(self) -> None:
@@ -69,7 +71,7 @@ class WavFileOutput:
 
     def _write_all(self) -> None:
         with self._stream, contextlib.closing(self._file):
-            while (cue := self._cues.get()) is not None:
+            while (cue := self._cues.next()) is not None:
                 self._begin_s = cue.stamp_s if self._begin_s is None else self._begin_s
                 self._write_until(round((cue.stamp_s - self._begin_s) * SAMPLE_RATE_HZ))
                 self._sounding = render_cue(cue, self._speech)

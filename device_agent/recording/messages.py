@@ -8,6 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 from device_agent.cycle import Cycle
+from device_agent.load_plan import LoadLevel
 from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import Localization
@@ -42,15 +43,19 @@ class StageTimesMessage(msgspec.Struct, frozen=True):
     guide_ms: float | None = None
     cues_ms: float | None = None
     fault: str = ""
+    load_level: str = LoadLevel.FULL.value
+    """What was left out because the device was too slow."""
     pictures_dropped: int = 0
     """Frames since recording began whose pictures were not kept, because the disk was behind."""
 
     @staticmethod
-    def of(cycle: Cycle, pictures_dropped: int) -> StageTimesMessage:
+    def of(cycle: Cycle, level: LoadLevel, pictures_dropped: int) -> StageTimesMessage:
         """Return the times of a cycle."""
         known = {f"{stage}_ms": took_ms for stage, took_ms in cycle.stage_ms.items()}
         known = {name: took_ms for name, took_ms in known.items() if name in StageTimesMessage.__struct_fields__}
-        return StageTimesMessage(cycle.stamp_s, **known, fault=cycle.fault, pictures_dropped=pictures_dropped)
+        return StageTimesMessage(
+            cycle.stamp_s, **known, fault=cycle.fault, load_level=level.value, pictures_dropped=pictures_dropped
+        )
 
 
 class SettingsMessage(msgspec.Struct, frozen=True):

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import msgspec
 
+from device_agent.load_plan import LoadLevel
 from device_agent.orders import Lead, Order
 from device_agent.ports import ButtonPress, Clock, CueOutput, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, PreparedMap
@@ -138,6 +139,8 @@ class CycleNotes(msgspec.Struct, frozen=True):
     """All that the loop said, notices included; what the watchdog said is not the loop's."""
     pictures: bool = False
     """The frame's pictures are in the file, right before this."""
+    load_level: LoadLevel = LoadLevel.FULL
+    """What was left out because the device was too slow."""
 
 
 class Opening(msgspec.Struct, frozen=True):
@@ -176,6 +179,7 @@ class Notepad:
     sonar_error: Raised | None = None
     play_errors: list[tuple[int, Raised]] = field(default_factory=list)
     cues: list[Cue] = field(default_factory=list)
+    load_level: LoadLevel = LoadLevel.FULL
 
     def notes(self, number: int, guidance: Guidance, *, pictures: bool) -> CycleNotes:
         """Return what was collected; ``pictures`` tells whether those of the frame are kept as well."""
@@ -184,6 +188,7 @@ class Notepad:
             tuple(map(OrderTaken.of, self.orders)), self.frame_notes, self.camera_error, self.localization,
             self.localization_error, self.scan, self.scan_error, self.sonar, self.sonar_error,
             tuple(self.play_errors), guidance, tuple(self.cues), pictures,
+            self.load_level,
         )  # fmt: skip
 
 
@@ -246,6 +251,10 @@ class NotingLocalizer:
             raise
         self._pad().localization = located
         return located
+
+    def use_features(self, fraction: float) -> None:
+        """Pass it on: it follows from the level, which is noted."""
+        self._localizer.use_features(fraction)
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on."""

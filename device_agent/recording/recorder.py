@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from device_agent.cycle import Cycle
+from device_agent.load_plan import LoadLevel
 from device_agent.loop import Ports
 from device_agent.orders import Order
 from device_agent.ports import Clock, CueOutput, EventKind, KeptMessage, Uplink
@@ -93,6 +94,11 @@ class WalkRecorder(Tap):
             return value
 
         return noted
+
+    def load_level(self, level: LoadLevel) -> LoadLevel:
+        """Note the level of each cycle."""
+        self._pad.load_level = level
+        return level
 
     def ports(self, ports: Ports) -> Ports:
         """Note what a cycle reads."""

@@ -20,6 +20,7 @@ from device_agent.adapters.clocks import SteppedClock
 from device_agent.adapters.fakes import FakeOutput, NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
+from device_agent.load_plan import LoadLevel
 from device_agent.loop import Ports
 from device_agent.orders import Order
 from device_agent.ports import Clock, CueOutput, LocalizerPort
@@ -273,6 +274,10 @@ class _ReplayTap(Tap):
         """Give what the watchdog did then."""
         return self.stops
 
+    def load_level(self, level: LoadLevel) -> LoadLevel:
+        """Leave out what was left out then."""
+        return self.notes.load_level
+
     def ports(self, ports: Ports) -> Ports:
         """Give what was read then."""
         scan = ports.scan
@@ -355,6 +360,10 @@ class _ReplayedLocalizer:
             self._tap.located = _given(notes.localization, notes.localization_error)
         return self._tap.located
 
+    def use_features(self, fraction: float) -> None:
+        """Pass it on: it follows from the level of then."""
+        self._localizer.use_features(fraction)
+
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on."""
         self._localizer.apply(settings)
@@ -379,6 +388,9 @@ class _NoLocalizer:
     def locate(self, frame: Frame) -> Localization:
         """Nothing is located where poses come from the recording."""
         raise SensorError("There is no map in a replay without pictures.")
+
+    def use_features(self, fraction: float) -> None:
+        """Nothing is looked for."""
 
     def apply(self, settings: Settings) -> None:
         """There is nothing to set."""

@@ -14,6 +14,7 @@ from device_agent.ports import Clock, CueOutput, Uplink
 
 if TYPE_CHECKING:
     from device_agent.cycle import Cycle
+    from device_agent.load_plan import LoadLevel
     from device_agent.loop import Ports
     from device_agent.orders import Order
     from device_agent.state import DeviceState
@@ -43,6 +44,10 @@ class Tap:
     def stop_count(self, count: Callable[[], int]) -> Callable[[], int]:
         """Return how the voice learns how often the watchdog has spoken."""
         return count
+
+    def load_level(self, level: LoadLevel) -> LoadLevel:
+        """Return what is to be left out of this cycle, because those before took too long."""
+        return level
 
     def ports(self, ports: Ports) -> Ports:
         """Return what a cycle reads from."""

@@ -88,7 +88,7 @@ class Transcript:
         yield channels.ADVICE, stamp_s, foxglove.advice(cycle.guidance)
         for cue in item.pad.cues:
             yield from heard("loop", cue)
-        yield channels.STAGES, stamp_s, StageTimesMessage.of(cycle, item.pictures_dropped)
+        yield channels.STAGES, stamp_s, StageTimesMessage.of(cycle, item.pad.load_level, item.pictures_dropped)
         notes = item.pad.notes(item.number, cycle.guidance, pictures=frame is not None)
         yield channels.REPLAY, stamp_s, BytesValue(value=exact.encode(notes))
 

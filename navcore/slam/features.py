@@ -51,8 +51,7 @@ class FeatureExtractor:
 
     def __init__(self, intrinsics: CameraIntrinsics, camera: SlamCamera, count: int) -> None:
         self.camera = camera
-        self.count = count
-        self._quotas = _level_quotas(count)
+        self.look_for(count)
         self._sizes = [
             (round(intrinsics.width_px / SCALE_FACTOR**level), round(intrinsics.height_px / SCALE_FACTOR**level))
             for level in range(LEVEL_COUNT)
@@ -65,6 +64,11 @@ class FeatureExtractor:
         self._disc = disc_weights()
         self._columns = (camera.width_px + GRID_PX - 1) // GRID_PX
         self._rows = (camera.height_px + GRID_PX - 1) // GRID_PX
+
+    def look_for(self, count: int) -> None:
+        """Look for so many features from the next image on."""
+        self.count = count
+        self._quotas = _level_quotas(count)
 
     def extract(self, frame: Frame) -> Features:
         """Return the features of a frame."""

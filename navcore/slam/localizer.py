@@ -94,6 +94,8 @@ OPEN_SIGMA_M = 0.3
 """A match that leaves the position open by more than this in some direction does not count as one."""
 DISAGREEING_M = 0.15
 """Few landmarks are not believed where surfaces see the camera farther away than this."""
+LEAST_FEATURES = 300
+"""Fewer features than this of a picture are not looked for, however slow the device (or all, where all are fewer)."""
 MISFIT_MEMORY = 0.8
 """Weight of earlier frames in the running mean of the variance factor."""
 
@@ -107,8 +109,8 @@ class Localizer:
         self._map = replace(slam_map, camera=camera)
         # Another camera reads its pictures otherwise.
         self._readout_s = float(slam_map.readout_s[0]) if camera == slam_map.camera else 0.0
-        count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
-        self._extractor = FeatureExtractor(intrinsics, camera, count)
+        self._feature_count = feature_count_for(intrinsics.width_px, intrinsics.height_px, settings.feature_count)
+        self._extractor = FeatureExtractor(intrinsics, camera, self._feature_count)
         poses = slam_map.camera_from_world
         self._centres = -np.einsum("kji,kj->ki", poses[:, :3, :3], poses[:, :3, 3])
         self._covisibility = RememberedCovisibility(self._map)
@@ -127,6 +129,12 @@ class Localizer:
         """Forget where the camera was."""
         self._state = None
         self._pace.forget()
+
+    def use_features(self, fraction: float) -> None:
+        """Look for this share (0, 1] of the features from the next frame on; what is remembered stays."""
+        count = max(LEAST_FEATURES, round(fraction * self._feature_count))
+        if count != self._extractor.count:
+            self._extractor.look_for(min(count, self._feature_count))
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import re
 import signal
 import ssl
 import threading
@@ -15,6 +13,7 @@ from device_agent.device_options import DeviceOptions
 from device_agent.recording.options import add_recording_options, recording_options
 from device_agent.sensor_names import named, names_of
 from device_agent.simulation_options import add_simulation_options
+from device_agent.state_folder import checked_device_id, default_state_folder
 from navcore.errors import InputError
 from navcore.settings import Settings, parse_assignment
 
@@ -84,12 +83,6 @@ def read_token(path: Path | None) -> str:
     return token
 
 
-def default_state_folder(device_id: str) -> Path:
-    """Return where a device keeps its own files."""
-    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(base) / "virtual-blind-road" / device_id
-
-
 def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
     if ca_file is None:
         return None
@@ -117,8 +110,8 @@ def _refuse_other_than_one_camera(arguments: argparse.Namespace) -> None:
         raise InputError("The device has one camera: name only one of --simulated, --recording DIR and --camera NAME.")
     if arguments.simulated and (arguments.fisheye or arguments.sonar):
         raise InputError("The simulated walker has sensors of their own: leave --fisheye and --sonar out.")
-    if (arguments.fisheye is None) != (arguments.fisheye_calibration is None):
-        raise InputError("A fisheye camera needs both: name --fisheye DEVICE and --fisheye-calibration FILE.")
+    if arguments.fisheye is None and arguments.fisheye_calibration is not None:
+        raise InputError("There is no fisheye camera for the calibration: name --fisheye DEVICE as well.")
     if arguments.recording is not None and arguments.fisheye is not None:
         raise InputError("A recording has its own fisheye pictures: leave --fisheye out.")
 
@@ -127,8 +120,7 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
     changes = dict(parse_assignment(text) for text in arguments.set)
     Settings().changed(changes)
     _refuse_other_than_one_camera(arguments)
-    if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", arguments.device_id) is None:
-        raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
+    checked_device_id(arguments.device_id)
     url = checked_console_url(arguments.console) if arguments.console else None
     token = read_token(arguments.token_file) if url else ""
     return DeviceOptions(

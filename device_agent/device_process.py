@@ -9,6 +9,7 @@ from contextlib import ExitStack
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
@@ -25,6 +26,7 @@ from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
+from navcore.calibration import Calibration
 from navcore.errors import SensorError, VbrError
 from navcore.modes import Mode
 from navcore.obstacle.scan import scan
@@ -45,6 +47,8 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
+    stored = CalibrationStore(options.state).load()
+    calibration = Calibration() if stored is None else stored.calibration
     warm_up()
     real = SystemClock()
     paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
@@ -55,7 +59,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         uplink = _uplink(options, store, real, stack)
         state = DeviceState(
             settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
-            promised_ready=True,
+            promised_ready=True, calibration=calibration,
         )  # fmt: skip
         tap = _tap(options, stack)
         parts = DeviceParts(

@@ -11,6 +11,7 @@ from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera
+from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.sensor_names import SensorName
@@ -20,6 +21,7 @@ from navcore.errors import InputError
 from navcore.fisheye_recording import read_fisheye_camera
 from navcore.recording import open_recording
 from navcore.settings import Settings
+from navcore.types import FisheyeCamera
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -70,11 +72,12 @@ def _newest_frames(options: DeviceOptions, settings: Settings, clock: Clock) -> 
         assert options.recording is not None
         return NewestFrameCamera(RecordedCamera(open_recording(options.recording), clock), clock, timeout_s)
     name = options.camera
-    real = ReopenedCamera(lambda: _open_camera(name, clock), clock)
+    real = ReopenedCamera(lambda: open_camera(name, clock), clock)
     return NewestFrameCamera(real, clock, timeout_s, real.abandon)
 
 
-def _open_camera(name: SensorName, clock: Clock) -> CameraSource:
+def open_camera(name: SensorName, clock: Clock) -> CameraSource:
+    """Open a depth camera by its name. Raises SensorError, MissingPackageError."""
     if name.kind == "oak":
         from device_agent.adapters.oak import OakSource
 
@@ -92,9 +95,21 @@ def _with_fisheye(options: DeviceOptions, camera: DepthCamera, clock: Clock) -> 
     from device_agent.adapters.paired_camera import PairedCamera
     from device_agent.adapters.uvc import open_uvc_camera
 
-    assert options.fisheye_calibration is not None
-    wide = open_uvc_camera(options.fisheye, read_fisheye_camera(options.fisheye_calibration), clock)
+    wide = open_uvc_camera(options.fisheye, _fisheye_camera(options), clock)
     return PairedCamera(camera, wide, clock, wide.abandon)
+
+
+def _fisheye_camera(options: DeviceOptions) -> FisheyeCamera:
+    if options.fisheye_calibration is not None:
+        return read_fisheye_camera(options.fisheye_calibration)
+    stored = CalibrationStore(options.state).load()
+    camera = None if stored is None or stored.calibration.fisheye is None else stored.calibration.fisheye.camera
+    if camera is None:
+        raise InputError(
+            "The fisheye camera has no calibration with a mounting: name --fisheye-calibration FILE, or run"
+            " `vbr calibrate fisheye` with --mounting FILE."
+        )
+    return camera
 
 
 def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:

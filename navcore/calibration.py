@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from navcore.errors import InputError
-from navcore.geometry import FloatArray, rotation_from_rotvec
+from navcore.geometry import FloatArray, Transform, rotation_from_rotvec
 from navcore.obstacle.levelling import Levelling
-from navcore.types import CameraIntrinsics, FisheyeCamera, FisheyeIntrinsics, Frame, SonarReading, SonarState
+from navcore.types import CameraIntrinsics, FisheyeCamera, FisheyeIntrinsics, SonarReading, SonarState
 
 HEIGHTS_M = (0.9, 2.3)
 """Camera heights that a person's glasses have, sitting or standing; what is nearer below is a table."""
@@ -104,6 +104,23 @@ class FisheyeCalibration:
 
     intrinsics: FisheyeIntrinsics
     quality: LensQuality
+    fisheye_from_camera: tuple[float, float, float, float, float, float, float] | None = None
+    """Its mounting, the depth camera seen from the fisheye camera: tx ty tz (m) qx qy qz qw; None where nobody has told
+    it, for a board before one camera does not."""
+
+    def __post_init__(self) -> None:
+        mounting = self.fisheye_from_camera
+        if mounting is not None:
+            finite = all(math.isfinite(each) for each in mounting)
+            _require(finite and 0.99 <= math.hypot(*mounting[3:]) <= 1.01, "the fisheye camera's mounting is none")
+
+    @property
+    def camera(self) -> FisheyeCamera | None:
+        """The camera as the program uses it; None without a mounting."""
+        if self.fisheye_from_camera is None:
+            return None
+        place = np.array(self.fisheye_from_camera)
+        return FisheyeCamera(self.intrinsics, Transform.from_quat_xyzw(place[3:], place[:3]))
 
 
 @dataclass(frozen=True, slots=True)

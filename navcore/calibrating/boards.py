@@ -106,8 +106,8 @@ def _checkerboard_corners(board: Board, grey: ImageGrey) -> tuple[FloatArray, Fl
     if not is_found:
         return None
     columns, rows = np.meshgrid(np.arange(inner[0]), np.arange(inner[1]))
-    grid = np.stack([columns.ravel(), rows.ravel(), np.zeros(columns.size)], axis=1) * board.square_m
-    return grid, np.asarray(corners, np.float64).reshape(-1, 2)
+    grid = np.stack([columns.ravel(), rows.ravel(), np.zeros(columns.size)], axis=1).astype(np.float64)
+    return grid * board.square_m, np.asarray(corners, np.float64).reshape(-1, 2)
 
 
 def _charuco_corners(board: Board, grey: ImageGrey) -> tuple[FloatArray, FloatArray] | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import cv2
 import numpy as np
@@ -30,6 +30,8 @@ _BAD_VIEW_PX = 0.7
 _MIN_TILT_SPREAD_RAD = math.radians(10.0)
 """Boards that all face the camera leave focal length and distance apart undecided (Zhang 2000, section 4)."""
 _BEYOND_SEEN_RAD = math.radians(5.0)
+_FISHEYE_FLAGS: Any = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
+"""Where its flags are: OpenCV 5 has moved them."""
 _PLACES = (("upper", "middle", "lower"), ("left", "middle", "right"))
 
 
@@ -211,7 +213,7 @@ def _solve_pinhole(views: list[BoardView], width_px: int, height_px: int) -> _Fi
     _, matrix, distortion, turns, places = cv2.calibrateCamera(
         corners, pixels, (width_px, height_px), start, np.zeros(5)
     )
-    boards = [(np.asarray(turn), np.asarray(place)) for turn, place in zip(turns, places, strict=True)]
+    boards = _boards(turns, places)
     rms = [
         _rms_px(cv2.projectPoints(view.corners_m, turn, place, matrix, distortion)[0], view)
         for view, (turn, place) in zip(views, boards, strict=True)
@@ -222,19 +224,22 @@ def _solve_pinhole(views: list[BoardView], width_px: int, height_px: int) -> _Fi
 def _solve_fisheye(views: list[BoardView], width_px: int, height_px: int) -> _Fit:
     corners = [view.corners_m.reshape(-1, 1, 3) for view in views]
     pixels = [view.pixels.reshape(-1, 1, 2) for view in views]
-    flags = cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC | cv2.fisheye.CALIB_FIX_SKEW
+    flags = int(_FISHEYE_FLAGS.CALIB_RECOMPUTE_EXTRINSIC | _FISHEYE_FLAGS.CALIB_FIX_SKEW)
     _, matrix, distortion, turns, places = cv2.fisheye.calibrate(
         corners, pixels, (width_px, height_px), np.zeros((3, 3)), np.zeros((4, 1)), flags=flags,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9),
     )  # fmt: skip
-    boards = [
-        (np.asarray(turn).reshape(3), np.asarray(place).reshape(3)) for turn, place in zip(turns, places, strict=True)
-    ]
+    boards = _boards(turns, places)
     rms = [
         _rms_px(cv2.fisheye.projectPoints(each, turn, place, matrix, distortion)[0], view)
         for each, view, (turn, place) in zip(corners, views, boards, strict=True)
     ]
     return _Fit(np.asarray(matrix), np.asarray(distortion), np.array(rms), boards)
+
+
+def _boards(turns: Any, places: Any) -> list[tuple[FloatArray, FloatArray]]:
+    pairs = zip(turns, places, strict=True)
+    return [(np.asarray(a, np.float64).reshape(3), np.asarray(b, np.float64).reshape(3)) for a, b in pairs]
 
 
 def _rms_px(seen: np.ndarray, view: BoardView) -> float:

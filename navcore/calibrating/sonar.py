@@ -160,7 +160,7 @@ def expected_echo_m(
 ) -> FloatArray:
     """Return what a rangefinder that looks along a bearing says (n,) of walls at distances (n,) with normals (n, 3)."""
     axis = np.array([-math.sin(bearing_rad), 0.0, math.cos(bearing_rad)])
-    theta = np.arccos(np.clip(normals @ axis, -1.0, 1.0))
+    theta: FloatArray = np.arccos(np.clip(normals @ axis, -1.0, 1.0))
     echo_m: FloatArray = wall_m / np.cos(np.maximum(0.0, theta - half_field_rad)) + bias_m
     return echo_m
 
@@ -171,7 +171,8 @@ def _fitted(pairs: list[_Pair], half_field_rad: float, now_s: float) -> SonarAli
     normals = np.array([pair.normal for pair in pairs])
 
     def off_m(parameters: FloatArray) -> FloatArray:
-        return expected_echo_m(wall_m, normals, half_field_rad, parameters[0], parameters[1]) - echo_m
+        off: FloatArray = expected_echo_m(wall_m, normals, half_field_rad, parameters[0], parameters[1]) - echo_m
+        return off
 
     # The model is flat inside the cone, so that one start may find no slope to go down.
     starts = [np.array([math.radians(degrees), 0.0]) for degrees in (-15.0, -5.0, 0.0, 5.0, 15.0)]
@@ -184,7 +185,8 @@ def _fitted(pairs: list[_Pair], half_field_rad: float, now_s: float) -> SonarAli
             f"The rangefinder does not agree with the depth camera (off by {bias_m:+.2f} m, ±{residual_m:.2f} m): see"
             " that both look at the same bare wall, and that nothing stands in between."
         )
-    information = best.jac.T @ best.jac
+    jacobian = np.asarray(best.jac, np.float64)
+    information = jacobian.T @ jacobian
     if np.linalg.matrix_rank(information, tol=1e-6) < 2:
         raise InputError("The readings leave open where the rangefinder looks: turn farther to both sides.")
     sigmas = np.sqrt(np.diag(np.linalg.inv(information))) * max(residual_m, 1e-4)

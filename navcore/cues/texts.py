@@ -56,8 +56,8 @@ EXPLANATIONS: dict[Language, dict[Reason, str]] = {
         Reason.DEPTH_INVALID: "The camera sees too little to be trusted. It may be covered, or it is too dark.",
         Reason.POSE_LOST: "The device does not recognise this place. Stand still: it goes on by itself when it does.",
         Reason.SENSOR_STALE: "A sensor gives nothing new. Stand still: guidance goes on by itself when it does.",
-        Reason.CAMERA_MOVED: "The camera does not see the floor as it did when it was set up. Stand still, hold your head"
-        " level, and straighten the glasses; or have the camera calibrated again.",
+        Reason.CAMERA_MOVED: "The camera does not see the floor as it did when it was set up. Stand still, hold your"
+        " head level, and straighten the glasses; or have the camera calibrated again.",
         Reason.ARRIVED: "The destination is reached. Guidance has ended.",
         Reason.NO_ROUTE: "No destination is chosen, or no way leads there.",
         Reason.PAUSED: "Guidance waits until it is resumed.",

@@ -41,9 +41,9 @@ def echo_distance_m(reading: SonarReading) -> float | None:
 def is_open(direction: RelativeAngle, reading: SonarReading, required_m: float, settings: GateSettings) -> bool:
     """Return whether a direction may be walked (Eq. 5).
 
-    Outside the ultrasonic field, which lies about where the rangefinder looks, it may; inside it only where the echo is farther than required (δ, or the sub-goal
-    and a margin where that is nearer). Without a working sensor the depth camera alone decides. The printed equation
-    says nothing of "no echo", of a stale reading, or of no sensor.
+    Outside the ultrasonic field, which lies about where the rangefinder looks, it may; inside it only where the echo is
+    farther than required (δ, or the sub-goal and a margin where that is nearer). Without a working sensor the depth
+    camera alone decides. The printed equation says nothing of "no echo", of a stale reading, or of no sensor.
     """
     if not math.isfinite(direction):
         return False

@@ -15,6 +15,7 @@ from device_agent.device_store import DeviceStore
 from device_agent.ports import Button, ButtonPress, PressKind
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
+from navcore.calibration import Calibration
 from navcore.cues.table import CueKind
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
@@ -68,6 +69,7 @@ class Rig:
     locate_error: Exception | None = None
     quality: LocalizationQuality = LocalizationQuality.LOCALIZED
     tap: Tap = field(default_factory=Tap)
+    calibration: Calibration = field(default_factory=Calibration)
 
     def __post_init__(self) -> None:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
@@ -78,8 +80,9 @@ class Rig:
             tap=self.tap,
         )  # fmt: skip
         self.agent = DeviceAgent(
-            parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), FakeLocalizer(self.locate)
-        )
+            parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map", calibration=self.calibration),
+            FakeLocalizer(self.locate),
+        )  # fmt: skip
 
     def _frames(self) -> Iterator[Frame | Exception]:
         while True:

@@ -8,7 +8,8 @@ lasts counts: ::
     posture  the floor's normal against the calibration's own           a head that is held low changes it as well
 
 The last is the only one that notices a camera with an accelerometer inside that has slipped on the glasses, for its
-gravity, and a pose from its pictures, slip with it. It asks for more patience, and one look that agrees ends it.
+gravity, and a pose from its pictures, slip with it. It asks for more patience, and looks at the mean of some looks, in
+which the nods of a stride cancel out.
 Where no floor is in view nothing is known: that neither confirms nor ends a disagreement.
 """
 
@@ -34,6 +35,8 @@ _AT_THE_START_S = 1.5
 _LONGEST_LOOK_S = 1.0
 """Time for which nobody looked does not count as a disagreement."""
 _AGREES_AFTER_S = 1.0
+_POSTURE_TIME_CONSTANT_S = 1.5
+"""Two or three steps."""
 _OTHER_PLANE_RAD = math.radians(20.0)
 """A plane that gravity or the pose says is steeper than this is no floor: a stair, seen from its foot, is one."""
 
@@ -44,10 +47,14 @@ class MountingWatch:
 
     looked_s: float = -math.inf
     """When the floor was last looked for."""
+    seen_s: float = -math.inf
+    """When it was last seen."""
     height_apart_s: float = 0.0
     """How long, looks added up, the height has disagreed without a look at which it agreed; so the other two."""
     tilt_apart_s: float = 0.0
     posture_apart_s: float = 0.0
+    posture_offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """The mean of the last looks' ``posture_offset``."""
     agrees_s: float = 0.0
     """How long, looks added up, all has agreed."""
     has_agreed: bool = False
@@ -66,16 +73,21 @@ class FloorDifference:
     """By how much the camera is higher than it was."""
     tilt_rad: float | None
     """Angle between the floor's normal and up by gravity or the pose; None where neither is known."""
-    posture_rad: float
-    """Angle between the floor's normal and that of the calibration."""
+    posture_offset: tuple[float, float, float]
+    """The floor's normal less that of the calibration, unit vectors in the camera's frame."""
 
     def words(self) -> str:
         """Return it for people."""
         tilt = "" if self.tilt_rad is None else f", {math.degrees(self.tilt_rad):.0f}° off level"
         return (
             f"{abs(self.height_m):.2f} m {'higher' if self.height_m >= 0 else 'lower'} and"
-            f" {math.degrees(self.posture_rad):.0f}° otherwise inclined than calibrated{tilt}"
+            f" {math.degrees(_angle_rad(self.posture_offset)):.0f}° otherwise inclined than calibrated{tilt}"
         )
+
+
+def _angle_rad(offset: tuple[float, float, float]) -> float:
+    """Return the angle between two unit vectors with this difference; that of the mean of such, nearly."""
+    return 2.0 * math.asin(min(1.0, math.hypot(*offset) / 2.0))
 
 
 def floor_difference(seen: Levelling, calibrated: FloorCalibration, up: FloatArray | None) -> FloorDifference | None:
@@ -90,7 +102,8 @@ def floor_difference(seen: Levelling, calibrated: FloorCalibration, up: FloatArr
     tilt_rad = None if up is None else angle_between_rad(normal, up)
     if tilt_rad is not None and tilt_rad > _OTHER_PLANE_RAD:
         return None
-    return FloorDifference(seen.height_m - calibrated.height_m, tilt_rad, angle_between_rad(normal, calibrated.up))
+    x, y, z = (float(each) for each in normal - calibrated.up)
+    return FloorDifference(seen.height_m - calibrated.height_m, tilt_rad, (x, y, z))
 
 
 def independent_up(
@@ -122,7 +135,8 @@ def watched(
     tolerance_rad = math.radians(settings.tilt_tolerance_deg)
     height = not abs(difference.height_m) <= settings.height_tolerance_m
     tilt = difference.tilt_rad is not None and not difference.tilt_rad <= tolerance_rad
-    posture = not difference.posture_rad <= tolerance_rad
+    offset = _mean_offset(watch, difference, passed_s)
+    posture = not _angle_rad(offset) <= tolerance_rad
     agrees = not (height or tilt or posture)
     watch = replace(
         watch,
@@ -130,9 +144,20 @@ def watched(
         tilt_apart_s=watch.tilt_apart_s + passed_s if tilt else 0.0,
         posture_apart_s=watch.posture_apart_s + passed_s if posture else 0.0,
         agrees_s=watch.agrees_s + passed_s if agrees else 0.0,
+        posture_offset=offset,
+        seen_s=stamp_s,
         has_agreed=watch.has_agreed or agrees,
     )
     return _judged(watch, difference, settings)
+
+
+def _mean_offset(watch: MountingWatch, difference: FloorDifference, passed_s: float) -> tuple[float, float, float]:
+    """Return the mean of the last looks; the first look is all there is."""
+    share = 1.0 - math.exp(-passed_s / _POSTURE_TIME_CONSTANT_S) if math.isfinite(watch.seen_s) else 1.0
+    x, y, z = (
+        old + share * (new - old) for old, new in zip(watch.posture_offset, difference.posture_offset, strict=True)
+    )
+    return x, y, z
 
 
 def _judged(watch: MountingWatch, difference: FloorDifference, settings: CalibrationSettings) -> MountingWatch:

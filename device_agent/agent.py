@@ -84,6 +84,8 @@ class DeviceParts:
     """What the walker can press."""
     tap: Tap = field(default_factory=Tap)
     """Who listens in on the loop: a recorder, or nobody."""
+    alive: Callable[[], None] = lambda: None
+    """Called after each cycle in which nothing was raised: a sign of life for whoever starts the device anew."""
 
 
 class DeviceAgent:
@@ -196,6 +198,8 @@ class DeviceAgent:
             # What the console shows is nothing that the walker's guidance may hang on.
             _log.exception("a cycle could not be reported")
         self._tap.cycle_ended(self.state, self._voice.memory, cycle)
+        if not cycle.fault:
+            self._parts.alive()
         return cycle
 
     def _guarded(self, what: str, work: Callable[[], None]) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from device_agent.sensor_names import named, names_of
-from device_agent.state_folder import default_state_folder
+from device_agent.state_folder import add_state_options, state_folder_of
 from navcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -72,12 +72,12 @@ def _add_others(actions: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     board.add_argument("--board", default="charuco:8x6:30mm:22mm", metavar="BOARD", help=_BOARD_HELP)
     board.set_defaults(run=_board)
     show = actions.add_parser("show", help="what is stored, and what was before")
-    _add_state(show)
+    add_state_options(show)
     show.add_argument("--json", action="store_true", help="print it as JSON")
     show.set_defaults(run=_show)
     restore = actions.add_parser("restore", help="go back to an earlier calibration")
     restore.add_argument("revision", type=int, metavar="NUMBER", help="as `vbr calibrate show` lists it")
-    _add_state(restore)
+    add_state_options(restore)
     restore.set_defaults(run=_restore)
 
 
@@ -103,14 +103,9 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
     sources.add_argument("--simulated", action="store_true", help="the simulator's")
     sources.add_argument("--recording", type=Path, metavar="PATH", help="a recording's folder, or a file of a walk")
     sources.add_argument("--camera", metavar="NAME", help=f"the depth camera: {names_of('camera')}")
-    _add_state(parser)
+    add_state_options(parser)
     parser.add_argument("--dry-run", action="store_true", help="measure, and store nothing")
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
-
-
-def _add_state(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--device-id", default="glasses", help="whose calibration it is (default: %(default)s)")
-    parser.add_argument("--state", type=Path, metavar="DIR", help="the device's own folder, as in `vbr device`")
 
 
 def _count(text: str) -> int:
@@ -233,7 +228,7 @@ def _views(arguments: argparse.Namespace, pictures: Iterator[NamedPicture]) -> t
 def _store(arguments: argparse.Namespace) -> CalibrationStore:
     from device_agent.calibration_store import CalibrationStore
 
-    return CalibrationStore(arguments.state or default_state_folder(arguments.device_id))
+    return CalibrationStore(state_folder_of(arguments))
 
 
 def _keep(arguments: argparse.Namespace, part: str, value: Any, lines: list[str]) -> int:

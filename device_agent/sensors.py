@@ -11,6 +11,7 @@ from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera
+from device_agent.adapters.reopening import Reopening
 from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
@@ -21,7 +22,7 @@ from navcore.errors import InputError
 from navcore.fisheye_recording import read_fisheye_camera
 from navcore.recording import open_recording
 from navcore.settings import Settings
-from navcore.types import FisheyeCamera
+from navcore.types import FisheyeCamera, FisheyeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,27 +47,28 @@ def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stac
     """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
     output = TeeOutput(_outputs(options))
     stack.callback(output.close)
-    display = _display(options)
+    display = open_display(options)
     if display is not None:
         stack.callback(display.close)
-    buttons = _buttons(options, clock)
+    buttons = open_buttons(options, clock)
     stack.callback(buttons.close)
     if isinstance(clock, PacedClock):
         # The simulation waits for the loop, so that there is no newer frame than the one that it gives.
-        paced, sonar, ear = _simulated(options, clock)
+        paced, sonar, ear = simulated_hardware(options, clock)
         for each in (ear, sonar, paced):
             stack.callback(each.close)
         return Hardware(paced, sonar, TeeOutput([ear, output]), display, buttons)
-    sonar = _sonar(options, clock)
+    sonar = open_sonar(options, clock)
     stack.callback(sonar.close)
-    newest = _newest_frames(options, settings, clock)
+    newest = open_depth_camera(options, settings, clock)
     stack.callback(newest.close)
     camera = _with_fisheye(options, newest, clock)
     stack.callback(camera.close)
     return Hardware(camera, sonar, output, display, buttons, newest)
 
 
-def _newest_frames(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:
+def open_depth_camera(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:
+    """Open the depth camera, or the recording in its place. Raises VbrError."""
     timeout_s = settings.watchdog.camera_timeout_s
     if options.camera is None:
         assert options.recording is not None
@@ -93,10 +95,16 @@ def _with_fisheye(options: DeviceOptions, camera: DepthCamera, clock: Clock) -> 
     if options.fisheye is None:
         return camera
     from device_agent.adapters.paired_camera import PairedCamera
+
+    wide = open_fisheye(options.fisheye, options, clock)
+    return PairedCamera(camera, wide, clock, wide.abandon)
+
+
+def open_fisheye(path: str, options: DeviceOptions, clock: Clock) -> Reopening[FisheyeImage]:
+    """Open the fisheye camera with its calibration. Raises VbrError."""
     from device_agent.adapters.uvc import open_uvc_camera
 
-    wide = open_uvc_camera(options.fisheye, _fisheye_camera(options), clock)
-    return PairedCamera(camera, wide, clock, wide.abandon)
+    return open_uvc_camera(path, _fisheye_camera(options), clock)
 
 
 def _fisheye_camera(options: DeviceOptions) -> FisheyeCamera:
@@ -112,7 +120,8 @@ def _fisheye_camera(options: DeviceOptions) -> FisheyeCamera:
     return camera
 
 
-def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:
+def open_sonar(options: DeviceOptions, clock: Clock) -> Sonar:
+    """Open the rangefinder; one that says it is absent where none is named. Raises VbrError."""
     if options.sonar is None or options.sonar.where is None:
         return NoSonar(clock)
     from device_agent.adapters.serial_sonar import SerialSonar
@@ -120,7 +129,8 @@ def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:
     return SerialSonar(options.sonar.where, clock)
 
 
-def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+def open_buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+    """Open the buttons; those that nobody can press where none are named. Raises VbrError."""
     if options.buttons is None:
         return NoButtons()
     if options.buttons.where is None:
@@ -132,7 +142,8 @@ def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
     return EvdevButtons(options.buttons.where, clock)
 
 
-def _display(options: DeviceOptions) -> DisplayOutput | None:
+def open_display(options: DeviceOptions) -> DisplayOutput | None:
+    """Open the display; None where none is named. Raises VbrError."""
     if options.screen is not None and options.overlay is not None:
         raise InputError("The overlay is shown in one place: name --display or --overlay, not both.")
     if options.screen is not None and options.screen.where is not None:
@@ -146,7 +157,8 @@ def _display(options: DeviceOptions) -> DisplayOutput | None:
     return PngDisplay(options.overlay)
 
 
-def _simulated(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:
+def simulated_hardware(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:
+    """Return camera, rangefinder and ears of a walker who stands in the simulated building. Raises InputError."""
     from device_agent.simulation.adapters import SimulatedCamera, SimulatedEar, SimulatedSonar
     from device_agent.simulation.office_floor import office_floor
     from device_agent.simulation.walker import drawn_walker

@@ -76,12 +76,17 @@ class FloorDifference:
     posture_offset: tuple[float, float, float]
     """The floor's normal less that of the calibration, unit vectors in the camera's frame."""
 
+    @property
+    def posture_rad(self) -> float:
+        """Angle between the floor's normal and that of the calibration."""
+        return _angle_rad(self.posture_offset)
+
     def words(self) -> str:
         """Return it for people."""
         tilt = "" if self.tilt_rad is None else f", {math.degrees(self.tilt_rad):.0f}° off level"
         return (
             f"{abs(self.height_m):.2f} m {'higher' if self.height_m >= 0 else 'lower'} and"
-            f" {math.degrees(_angle_rad(self.posture_offset)):.0f}° otherwise inclined than calibrated{tilt}"
+            f" {math.degrees(self.posture_rad):.0f}° otherwise inclined than calibrated{tilt}"
         )
 
 

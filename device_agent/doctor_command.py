@@ -26,8 +26,8 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser = subparsers.add_parser(
         "doctor",
         help="look at every part of the device, and say what to do",
-        description="Look at sensors, calibration, map, disk, clock, sound, console and machine. Name the hardware as for"
-        " `vbr device`, and stop that first: a camera serves one program at a time. Exit code 1 where something failed.",
+        description="Look at sensors, calibration, map, disk, clock, sound, console and machine. Name the hardware"
+        " as for `vbr device`, and stop that first: a camera serves one program at a time. Exit code 1: a check failed.",
     )
     parser.add_argument("--site", type=Path, metavar="DIR", help="the map to walk in")
     add_device_options(parser)

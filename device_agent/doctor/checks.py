@@ -16,7 +16,7 @@ from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
 from device_agent.doctor import machine, sensing
 from device_agent.doctor.findings import Check, Finding, failed
-from device_agent.ports import Clock, CueOutput, DepthCamera, Sonar
+from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar, WideCamera
 from device_agent.sensors import (
     open_buttons,
     open_depth_camera,
@@ -57,26 +57,24 @@ def checks_of(patient: Patient) -> list[Check]:
     clock_watch = machine.ClockWatch()
     simulated = patient.has_camera and options.simulated
     camera, sonar = _simulated(options) if simulated else _real(options, settings, clock)
-    fisheye, buttons, screen = options.fisheye, options.buttons, options.screen
+    buttons, screen = options.buttons, options.screen
     return [
         Check(
             "camera",
-            "Opens the depth camera; fails below 5 pictures a second, where they are older than guidance may be, or where"
-            " less than `obstacle.min_valid_fraction` of them has a depth; warns of darkness.",
+            "Opens the depth camera; fails below 5 pictures a second, where they are older than guidance may be, or"
+            " where less than `obstacle.min_valid_fraction` of them has a depth; warns of darkness.",
             lambda: sensing.check_camera(camera, clock, settings, seen) if patient.has_camera else _no_camera(),
             limit_s=30.0,
         ),
         Check(
             "fisheye",
             "Opens the fisheye camera, where one is named, with its calibration, and reads five pictures.",
-            lambda: sensing.check_fisheye(
-                None if fisheye is None else lambda: open_fisheye(fisheye, options, clock), clock
-            ),
+            lambda: sensing.check_fisheye(_fisheye(options, clock), clock),
         ),
         Check(
             "sonar",
-            "Opens the rangefinder and listens for two seconds; fails where nothing fresh comes, warns of gaps, and where"
-            " none is named.",
+            "Opens the rangefinder and listens for two seconds; fails where nothing fresh comes, warns of gaps, and"
+            " where none is named.",
             lambda: sensing.check_sonar(sonar, clock),
         ),
         Check(
@@ -96,8 +94,8 @@ def checks_of(patient: Patient) -> list[Check]:
         ),
         Check(
             "calibration",
-            "Reads the stored calibration, and compares it with the floor that the camera has just seen; fails where it is"
-            " damaged or the floor disagrees, warns where there is none, or it is older than half a year.",
+            "Reads the stored calibration, and compares it with the floor that the camera has just seen; fails where it"
+            " is damaged or the floor disagrees, warns where there is none, or it is older than half a year.",
             lambda: _calibration(options.state, seen, settings),
         ),
         Check(
@@ -125,7 +123,7 @@ def checks_of(patient: Patient) -> list[Check]:
         ),
         Check(
             "system",
-            "Fails below 150 MiB of free memory or above 90 °C; warns below 500 MiB, above 75 °C, or of a load of more than"
+            "Fails below 150 MiB of free memory or above 90 °C; warns below 500 MiB, above 75 °C, or of a load above"
             " one and a half times the cores.",
             machine.check_system,
         ),
@@ -150,7 +148,12 @@ def _real(
     return lambda: open_depth_camera(options, settings, clock), sonar
 
 
-def _display(options: DeviceOptions) -> sensing.DisplayOutput:
+def _fisheye(options: DeviceOptions, clock: Clock) -> Callable[[], WideCamera] | None:
+    path = options.fisheye
+    return None if path is None else lambda: open_fisheye(path, options, clock)
+
+
+def _display(options: DeviceOptions) -> DisplayOutput:
     display = open_display(replace(options, overlay=None))
     assert display is not None, "a display is named"
     return display

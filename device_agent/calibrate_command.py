@@ -360,8 +360,7 @@ def _view_lines(report: LensReport[T]) -> list[str]:
     worst = sorted(report.view_rms_px.items(), key=lambda item: -item[1])[:3]
     lines = ["  worst pictures used: " + ", ".join(f"{name} ({rms:.2f} px)" for name, rms in worst)]
     if report.left_out:
-        names = ", ".join(f"{name} ({rms:.1f} px)" for name, rms in report.left_out.items())
-        lines.append(f"  left out, for they do not fit; take again: {names}")
+        lines.append(f"  left out, for they do not fit; take again: {', '.join(report.left_out)}")
     return lines
 
 

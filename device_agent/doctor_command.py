@@ -27,7 +27,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         "doctor",
         help="look at every part of the device, and say what to do",
         description="Look at sensors, calibration, map, disk, clock, sound, console and machine. Name the hardware"
-        " as for `vbr device`, and stop that first: a camera serves one program at a time. Exit code 1: a check failed.",
+        " as for `vbr device`, and stop that first: a camera serves one program at a time. Exit code 1: one failed.",
     )
     parser.add_argument("--site", type=Path, metavar="DIR", help="the map to walk in")
     add_device_options(parser)

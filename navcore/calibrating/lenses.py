@@ -6,8 +6,9 @@ views say enough about the lens, and which of them do not fit and are to be take
 
 from __future__ import annotations
 
+import contextlib
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
@@ -42,8 +43,8 @@ class LensReport(Generic[T]):
     calibration: T
     view_rms_px: dict[str, float]
     """Reprojection error of each picture that was used."""
-    left_out: dict[str, float]
-    """The same of those that did not fit: take these again."""
+    left_out: tuple[str, ...]
+    """Those that did not fit: take these again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,43 +106,66 @@ def measured_fisheye(
 
 def _fitted(
     views: list[BoardView], width_px: int, height_px: int, solve: Solve
-) -> tuple[list[BoardView], dict[str, float], _Fit]:
+) -> tuple[list[BoardView], tuple[str, ...], _Fit]:
     """Fit, leave out the views that do not agree with the others, and fit again."""
     _refuse_few(views, width_px, height_px)
-    fit = _solved(solve, views, width_px, height_px)
+    kept, fit = _without_the_worst(views, width_px, height_px, solve)
     limit_px = max(_BAD_VIEW_PX, _BAD_VIEW_TIMES * float(np.median(fit.rms_px)))
-    bad = [bool(each > limit_px) for each in fit.rms_px]
-    left_out = {view.name: float(rms) for view, rms, out in zip(views, fit.rms_px, bad, strict=True) if out}
-    if left_out:
-        views = [view for view, out in zip(views, bad, strict=True) if not out]
-        _refuse_few(views, width_px, height_px, left_out)
-        fit = _solved(solve, views, width_px, height_px)
-    rms_px = _overall(views, fit)
+    kept = [view for view, rms_px in zip(kept, fit.rms_px, strict=True) if rms_px <= limit_px]
+    if len(kept) < len(views):
+        _refuse_few(kept, width_px, height_px, [view.name for view in views if view not in kept])
+        fit = _solved(solve, kept, width_px, height_px)
+    left_out = tuple(view.name for view in views if view not in kept)
+    rms_px = _overall(kept, fit)
     if not rms_px <= _MAX_RMS_PX:
-        worst = sorted(_by_name(views, fit.rms_px).items(), key=lambda item: -item[1])[:3]
+        worst = sorted(_by_name(kept, fit.rms_px).items(), key=lambda item: -item[1])[:3]
         raise InputError(
             f"The lens does not fit the pictures (off by {rms_px:.2f} px, at most {_MAX_RMS_PX:g}): take again"
             f" {', '.join(name for name, _ in worst)}, sharp and with a flat board; and see that --board is right."
         )
-    return views, left_out, fit
+    return kept, left_out, fit
+
+
+def _without_the_worst(
+    views: list[BoardView], width_px: int, height_px: int, solve: Solve
+) -> tuple[list[BoardView], _Fit]:
+    """Fit; where one bad view leads the fit astray altogether, fit without it."""
+    try:
+        fit = _solved(solve, views, width_px, height_px)
+        if len(views) <= MIN_VIEWS or _overall(views, fit) <= _MAX_RMS_PX:
+            return views, fit
+        fits = [(views, fit)]
+    except InputError:
+        if len(views) <= MIN_VIEWS:
+            raise
+        fits = []
+    for view in views:
+        others = [each for each in views if each is not view]
+        with contextlib.suppress(InputError):
+            fits.append((others, _solved(solve, others, width_px, height_px)))
+    if not fits:
+        raise _no_lens()
+    return min(fits, key=lambda each: _overall(*each))
+
+
+def _no_lens() -> InputError:
+    return InputError(
+        "No lens fits the pictures: see that --board is right, and take them again with the board tilted this way and"
+        " that, at several distances."
+    )
 
 
 def _solved(solve: Solve, views: list[BoardView], width_px: int, height_px: int) -> _Fit:
     try:
         fit = solve(views, width_px, height_px)
     except cv2.error as error:
-        raise InputError(
-            "No lens fits the pictures: see that --board is right, and take them again with the board tilted this way"
-            " and that, at several distances."
-        ) from error
+        raise _no_lens() from error
     if not (np.isfinite(fit.matrix).all() and np.isfinite(fit.distortion).all() and np.isfinite(fit.rms_px).all()):
-        raise InputError("No lens fits the pictures: take them again with the board tilted this way and that.")
+        raise _no_lens()
     return fit
 
 
-def _refuse_few(
-    views: list[BoardView], width_px: int, height_px: int, left_out: dict[str, float] | None = None
-) -> None:
+def _refuse_few(views: list[BoardView], width_px: int, height_px: int, left_out: Sequence[str] = ()) -> None:
     again = f"; take again {', '.join(left_out)}, which do not fit the others" if left_out else ""
     if len(views) < MIN_VIEWS:
         raise InputError(
@@ -222,8 +246,8 @@ def _solve_pinhole(views: list[BoardView], width_px: int, height_px: int) -> _Fi
 
 
 def _solve_fisheye(views: list[BoardView], width_px: int, height_px: int) -> _Fit:
-    corners = [view.corners_m.reshape(-1, 1, 3) for view in views]
-    pixels = [view.pixels.reshape(-1, 1, 2) for view in views]
+    corners = [view.corners_m.reshape(1, -1, 3) for view in views]
+    pixels = [view.pixels.reshape(1, -1, 2) for view in views]
     flags = int(_FISHEYE_FLAGS.CALIB_RECOMPUTE_EXTRINSIC | _FISHEYE_FLAGS.CALIB_FIX_SKEW)
     _, matrix, distortion, turns, places = cv2.fisheye.calibrate(
         corners, pixels, (width_px, height_px), np.zeros((3, 3)), np.zeros((4, 1)), flags=flags,

@@ -29,7 +29,7 @@ _MAX_APART_S = 0.15
 _WALL_M = 0.03
 _MIN_WALL_SHARE = 0.6
 """Share of the picture's middle that must lie on the wall."""
-_UPRIGHT = math.sin(math.radians(50.0))
+_UPRIGHT = math.sin(math.radians(35.0))
 """The wall's normal has no more than this along the image's height: else it is the floor."""
 _ROUNDS = 80
 _GRID = 48

@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Generic, TypeVar
 
 import cv2
@@ -33,6 +33,8 @@ _MIN_TILT_SPREAD_RAD = math.radians(10.0)
 _BEYOND_SEEN_RAD = math.radians(5.0)
 _FISHEYE_FLAGS: Any = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
 """Where its flags are: OpenCV 5 has moved them."""
+_FOCAL_WIDTHS = (0.33, 0.42, 0.26, 0.55)
+"""Focal lengths to begin with, pixels per radian in picture widths: fields of view from 100 to 220°."""
 _PLACES = (("upper", "middle", "lower"), ("left", "middle", "right"))
 
 
@@ -246,11 +248,32 @@ def _solve_pinhole(views: list[BoardView], width_px: int, height_px: int) -> _Fi
 
 
 def _solve_fisheye(views: list[BoardView], width_px: int, height_px: int) -> _Fit:
+    """Solve from several starts until one fits: OpenCV's solver goes astray from some, whatever the views."""
+    fits: list[_Fit] = []
+    for focal_widths in (None, *_FOCAL_WIDTHS):
+        start = np.zeros((3, 3))
+        if focal_widths is not None:
+            focal_px = focal_widths * width_px
+            start = np.array([[focal_px, 0.0, width_px / 2], [0.0, focal_px, height_px / 2], [0.0, 0.0, 1.0]])
+        with contextlib.suppress(cv2.error):
+            fits.append(_fisheye_from(start, views, width_px, height_px))
+            if _overall(views, fits[-1]) <= _MAX_RMS_PX:
+                return fits[-1]
+    if not fits:
+        raise _no_lens()
+    return min(fits, key=lambda fit: _overall(views, fit))
+
+
+def _fisheye_from(start: FloatArray, views: list[BoardView], width_px: int, height_px: int) -> _Fit:
+    """Solve from a camera matrix; all zeros leave the start to OpenCV. Raises cv2.error."""
+    # One row of corners: OpenCV 5 refuses one column.
     corners = [view.corners_m.reshape(1, -1, 3) for view in views]
     pixels = [view.pixels.reshape(1, -1, 2) for view in views]
     flags = int(_FISHEYE_FLAGS.CALIB_RECOMPUTE_EXTRINSIC | _FISHEYE_FLAGS.CALIB_FIX_SKEW)
+    if start.any():
+        flags |= int(_FISHEYE_FLAGS.CALIB_USE_INTRINSIC_GUESS)
     _, matrix, distortion, turns, places = cv2.fisheye.calibrate(
-        corners, pixels, (width_px, height_px), np.zeros((3, 3)), np.zeros((4, 1)), flags=flags,
+        corners, pixels, (width_px, height_px), start, np.zeros((4, 1)), flags=flags,
         criteria=(cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-9),
     )  # fmt: skip
     boards = _boards(turns, places)
@@ -258,7 +281,9 @@ def _solve_fisheye(views: list[BoardView], width_px: int, height_px: int) -> _Fi
         _rms_px(cv2.fisheye.projectPoints(each, turn, place, matrix, distortion)[0], view)
         for each, view, (turn, place) in zip(corners, views, boards, strict=True)
     ]
-    return _Fit(np.asarray(matrix), np.asarray(distortion), np.array(rms), boards)
+    fit = _Fit(np.asarray(matrix, np.float64), np.asarray(distortion, np.float64), np.array(rms), boards)
+    # What is no number compares as fitting nowhere.
+    return replace(fit, rms_px=np.nan_to_num(fit.rms_px, nan=np.inf))
 
 
 def _boards(turns: Any, places: Any) -> list[tuple[FloatArray, FloatArray]]:

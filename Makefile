@@ -44,6 +44,7 @@ docs: install ## write the generated pages of docs/
 	@$(BIN)/vbr cues --markdown > docs/cues.md
 	@$(BIN)/vbr link --markdown > docs/link.md
 	@$(BIN)/vbr states --markdown > docs/states.md
+	@$(BIN)/vbr doctor --markdown > docs/doctor.md
 
 lock: install ## resolve the dependencies anew
 	@$(BIN)/python -m pip install --quiet uv

@@ -93,6 +93,8 @@ class DeviceParts:
     """Less is done where the loop is too slow. Not in lock step, where time does not pass by this machine's speed."""
     tap: Tap = field(default_factory=Tap)
     """Who listens in on the loop: a recorder, or nobody."""
+    alive: Callable[[], None] = lambda: None
+    """Called after each cycle in which nothing was raised: a sign of life for whoever starts the device anew."""
 
 
 class DeviceAgent:
@@ -214,6 +216,8 @@ class DeviceAgent:
             _log.exception("a cycle could not be reported")
         self._tap.cycle_ended(self.state, self._voice.memory, cycle)
         self.monitor.note(cycle, cued_s, parts.timer_s() - began_s, self.state.settings.deadlines)
+        if not cycle.fault:
+            self._parts.alive()
         return cycle
 
     def _take_load_level(self) -> None:

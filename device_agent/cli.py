@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import logging
 import os
 import re
 import sys
 from collections.abc import Callable, Sequence
 from importlib import metadata
 
+from device_agent.logs import log_to_stderr
 from navcore.errors import MissingPackageError, VbrError
 
 DISTRIBUTION = "virtual-blind-road"
@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     # digits depend on the number of cores: the same input would not give the same map.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     arguments = _parser().parse_args(argv)
-    _log_to_stderr(arguments.debug)
+    log_to_stderr(arguments.debug)
     try:
         return int(arguments.run(arguments) or 0)
     except VbrError as error:
@@ -100,16 +100,6 @@ def _extra_with(package: str | None) -> str | None:
         if match and match[1].replace("_", "-").lower() == wanted:
             return match[2]
     return None
-
-
-def _log_to_stderr(debug: bool) -> None:
-    logging.basicConfig(
-        level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s: %(message)s", stream=sys.stderr
-    )
-    if debug:
-        # Only our own: the compiler's log would drown it, and slow everything down.
-        for package in ("navcore", "device_agent", "console"):
-            logging.getLogger(package).setLevel(logging.DEBUG)
 
 
 def _refuse(sentence: str) -> int:

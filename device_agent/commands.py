@@ -12,6 +12,9 @@ import importlib.util
 
 _MODULES = (
     "device_agent.device_command",
+    "device_agent.calibrate_command",
+    "device_agent.doctor_command",
+    "device_agent.logs_command",
     "device_agent.map_commands",
     "device_agent.simulation_commands",
     "device_agent.walks_command",

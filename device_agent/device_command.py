@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
-import re
 import signal
 import ssl
 import threading
@@ -15,6 +13,7 @@ from device_agent.device_options import DeviceOptions
 from device_agent.recording.options import add_recording_options, recording_options
 from device_agent.sensor_names import named, names_of
 from device_agent.simulation_options import add_simulation_options
+from device_agent.state_folder import checked_device_id, default_state_folder
 from navcore.errors import InputError
 from navcore.settings import Settings, parse_assignment
 
@@ -26,6 +25,12 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser = subparsers.add_parser("device", help="run the device agent: the process on the glasses")
     parser.add_argument("--site", type=Path, required=True, metavar="DIR", help="the map to walk in")
     parser.add_argument("--to", metavar="PLACE", help="lead to this place at once; ends there when no console is named")
+    add_device_options(parser)
+    parser.set_defaults(run=_run)
+
+
+def add_device_options(parser: argparse.ArgumentParser) -> None:
+    """Add what names a device's folder, console, sensors and outputs."""
     parser.add_argument("--device-id", default="glasses", help="how the console tells devices apart")
     parser.add_argument("--state", type=Path, metavar="DIR", help="folder for settings and events over a restart")
     parser.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="change a setting")
@@ -54,7 +59,6 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     sight.add_argument("--display", metavar="NAME", help=f"the glasses' displays: {names_of('display')}")
     sight.add_argument("--overlay", type=Path, metavar="DIR", help="write what both eyes see as PNG pictures")
     add_recording_options(parser.add_argument_group("recording"))
-    parser.set_defaults(run=_run)
 
 
 def checked_console_url(url: str) -> str:
@@ -84,13 +88,8 @@ def read_token(path: Path | None) -> str:
     return token
 
 
-def default_state_folder(device_id: str) -> Path:
-    """Return where a device keeps its own files."""
-    base = os.environ.get("XDG_STATE_HOME") or str(Path.home() / ".local" / "state")
-    return Path(base) / "virtual-blind-road" / device_id
-
-
-def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
+def read_ca_file(ca_file: Path | None) -> ssl.SSLContext | None:
+    """Return how to trust a console that has its own certificate; None for the usual way. Raises InputError."""
     if ca_file is None:
         return None
     try:
@@ -100,7 +99,9 @@ def _tls(ca_file: Path | None) -> ssl.SSLContext | None:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    options = _options(arguments)
+    if not _cameras(arguments):
+        raise InputError("The device needs sensors: name --simulated, --recording DIR, or --camera NAME.")
+    options = device_options(arguments)
     from device_agent.device_process import run_device
 
     stopped = threading.Event()
@@ -109,26 +110,28 @@ def _run(arguments: argparse.Namespace) -> int:
     return run_device(options, stopped)
 
 
-def _refuse_other_than_one_camera(arguments: argparse.Namespace) -> None:
-    cameras = [arguments.simulated, arguments.recording is not None, arguments.camera is not None]
-    if not any(cameras):
-        raise InputError("The device needs sensors: name --simulated, --recording DIR, or --camera NAME.")
-    if sum(cameras) > 1:
+def _cameras(arguments: argparse.Namespace) -> int:
+    """Count the cameras that are named."""
+    return sum([arguments.simulated, arguments.recording is not None, arguments.camera is not None])
+
+
+def _refuse_contradictions(arguments: argparse.Namespace) -> None:
+    if _cameras(arguments) > 1:
         raise InputError("The device has one camera: name only one of --simulated, --recording DIR and --camera NAME.")
     if arguments.simulated and (arguments.fisheye or arguments.sonar):
         raise InputError("The simulated walker has sensors of their own: leave --fisheye and --sonar out.")
-    if (arguments.fisheye is None) != (arguments.fisheye_calibration is None):
-        raise InputError("A fisheye camera needs both: name --fisheye DEVICE and --fisheye-calibration FILE.")
+    if arguments.fisheye is None and arguments.fisheye_calibration is not None:
+        raise InputError("There is no fisheye camera for the calibration: name --fisheye DEVICE as well.")
     if arguments.recording is not None and arguments.fisheye is not None:
         raise InputError("A recording has its own fisheye pictures: leave --fisheye out.")
 
 
-def _options(arguments: argparse.Namespace) -> DeviceOptions:
+def device_options(arguments: argparse.Namespace) -> DeviceOptions:
+    """Return what the command line says, checked. Raises InputError."""
     changes = dict(parse_assignment(text) for text in arguments.set)
     Settings().changed(changes)
-    _refuse_other_than_one_camera(arguments)
-    if re.fullmatch(r"[A-Za-z0-9_-]{1,60}", arguments.device_id) is None:
-        raise InputError(f"{arguments.device_id!r} is no device id: use letters, digits, - and _ only.")
+    _refuse_contradictions(arguments)
+    checked_device_id(arguments.device_id)
     url = checked_console_url(arguments.console) if arguments.console else None
     token = read_token(arguments.token_file) if url else ""
     return DeviceOptions(
@@ -137,7 +140,7 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         device_id=arguments.device_id,
         console_url=url,
         token=token,
-        tls=_tls(arguments.ca_file),
+        tls=read_ca_file(arguments.ca_file),
         changes=changes,
         to=arguments.to,
         recording=arguments.recording,

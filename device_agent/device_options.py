@@ -34,7 +34,7 @@ class DeviceOptions:
     fisheye: str | None = None
     """The fisheye camera: a device, or a video file."""
     fisheye_calibration: Path | None = None
-    """Lens, picture size and mounting of the fisheye camera."""
+    """Lens, picture size and mounting of the fisheye camera; None takes the stored calibration."""
     sonar: SensorName | None = None
     """The rangefinder; the simulated one in the simulated building."""
     buttons: SensorName | None = None

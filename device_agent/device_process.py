@@ -10,22 +10,27 @@ from contextlib import ExitStack
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import make_localizer
+from device_agent.logged_uplink import LoggedUplink
+from device_agent.logs import log_files
 from device_agent.map_download import staging_folder
 from device_agent.orders import Lead
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
+from device_agent.service.notify import ServiceNotifier
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
+from navcore.calibration import Calibration
 from navcore.errors import SensorError, VbrError
 from navcore.modes import Mode
 from navcore.obstacle.scan import scan
@@ -46,22 +51,28 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
+    stored = CalibrationStore(options.state).load()
+    calibration = Calibration() if stored is None else stored.calibration
     warm_up()
     real = SystemClock()
     paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
     clock: Clock = paced or real
     with ExitStack() as stack:
+        stack.enter_context(log_files(options.state / "logs"))
+        notifier = ServiceNotifier()
+        stack.callback(notifier.stopping)
         hardware = open_hardware(options, settings, clock, stack)
         localizer = make_localizer(site, hardware.camera.intrinsics, settings)
         uplink = _uplink(options, store, real, stack)
         state = DeviceState(
             settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
-            promised_ready=True,
+            promised_ready=True, calibration=calibration,
         )  # fmt: skip
         tap = _tap(options, stack)
+        logged = LoggedUplink(RealTimeUplink(uplink, paced) if paced else uplink)
         parts = DeviceParts(
-            clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
-            make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap=tap,
+            clock, hardware.camera, hardware.sonar, hardware.output, logged, make_localizer, store, options.device_id,
+            hardware.apply, hardware.display, hardware.buttons, tap=tap, alive=notifier.alive,
             # The simulated world waits for a slow loop.
             plans_load=not options.simulated,
         )  # fmt: skip

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
 from device_agent.motion import extended_trail
+from device_agent.mounting import expected_of, look_at_floor
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, Effect, Happened
 from device_agent.states import StateEvent, may_be_told
@@ -24,6 +25,7 @@ from navcore.guide import guide
 from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
 from navcore.obstacle.memory import remember, remember_heard, with_memory
+from navcore.obstacle.mounting import FloorFinder, find_floor
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.slam.dead_reckoning import carried_on
@@ -55,6 +57,8 @@ class Ports:
     """What reduces a depth image to bearings."""
     timer_s: Callable[[], float] = time.perf_counter
     """Measures the stages; nothing is decided by it within a cycle."""
+    floor: FloorFinder = find_floor
+    """What finds the floor in a depth image, to tell whether the camera has moved."""
 
 
 @dataclass(slots=True)
@@ -118,7 +122,10 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         # A way from a place that is not sure would begin anywhere.
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle)
+        expected = expected_of(state.calibration, frame)
+        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle, expected)
+        state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
+        effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
@@ -126,7 +133,9 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         decided = _decide(state, frame.stamp_s, located, scan, sonar)
         now_s, stale_s = ports.clock.now_s(), ports.stale_s()
         state, guidance = _fresh_or_stop(state, decided, now_s, stale_s)
-        state, found = _found(state, decided, located, now_s, now_s - max(state.failed_s, stale_s))
+        guidance = _as_mounted(state, guidance)
+        fresh_for_s = 0.0 if state.mounting.moved else now_s - max(state.failed_s, stale_s)
+        state, found = _found(state, decided, located, now_s, fresh_for_s)
         guidance = _as_allowed(state, guidance)
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
@@ -163,8 +172,9 @@ def _with_what_was_seen(
         return replace(state, recent_scans=()), scan
     echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
     half_field_rad = math.radians(settings.gate.half_field_deg)
+    looks_rad = 0.0 if sonar is None else sonar.bearing_rad
     obstacles = remember(state.obstacles, scan, pose, stamp_s)
-    heard = remember_heard(state.heard, scan, echo_m, half_field_rad, pose, stamp_s)
+    heard = remember_heard(state.heard, scan, echo_m, half_field_rad, pose, stamp_s, looks_rad)
     sure = located.quality is LocalizationQuality.LOCALIZED
     recent = with_scan(state.recent_scans, scan, pose, stamp_s) if sure else ()
     state = replace(state, obstacles=obstacles, heard=heard, recent_scans=recent)
@@ -187,6 +197,8 @@ def _sonar(
         return replace(state, deaf=True), None, told
     told = (Happened("sensor", "The rangefinder delivers again."),) if state.deaf else ()
     age_s = ports.clock.now_s() - reading.stamp_s
+    alignment = state.calibration.sonar
+    reading = reading if alignment is None else alignment.aligned(reading)
     return replace(state, deaf=False), replace(reading, stamp_s=stamp_s - age_s), told
 
 
@@ -221,6 +233,13 @@ def _fresh_or_stop(
     if fresh_for_s < SETTLED_AFTER_S:
         return state, _stopped(guidance, f"Fresh for {fresh_for_s:.1f} s of {SETTLED_AFTER_S:g} s since the failure.")
     return state, guidance
+
+
+def _as_mounted(state: DeviceState, guidance: Guidance) -> Guidance:
+    """By a camera that is not where it was calibrated nobody is led."""
+    if not state.mounting.moved:
+        return guidance
+    return _stop_instead(guidance, Reason.CAMERA_MOVED, f"The camera has moved: {state.mounting.why}.")
 
 
 def _stopped(guidance: Guidance, rule: str) -> Guidance:

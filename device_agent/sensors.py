@@ -11,7 +11,9 @@ from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
 from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera
+from device_agent.adapters.reopening import Reopening
 from device_agent.adapters.waiting_cues import ThreadedOutput
+from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.sensor_names import SensorName
@@ -21,6 +23,7 @@ from navcore.errors import InputError
 from navcore.fisheye_recording import read_fisheye_camera
 from navcore.recording import open_recording
 from navcore.settings import Settings
+from navcore.types import FisheyeCamera, FisheyeImage
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,37 +48,39 @@ def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stac
     """Open sensors and outputs; ``stack`` closes them. Raises VbrError where one cannot be opened."""
     output = TeeOutput(_outputs(options))
     stack.callback(output.close)
-    display = _display(options)
+    display = open_display(options)
     if display is not None:
         stack.callback(display.close)
-    buttons = _buttons(options, clock)
+    buttons = open_buttons(options, clock)
     stack.callback(buttons.close)
     if isinstance(clock, PacedClock):
         # The simulation waits for the loop, so that there is no newer frame than the one that it gives.
-        paced, sonar, ear = _simulated(options, clock)
+        paced, sonar, ear = simulated_hardware(options, clock)
         for each in (ear, sonar, paced):
             stack.callback(each.close)
         return Hardware(paced, sonar, TeeOutput([ear, output]), display, buttons)
-    sonar = _sonar(options, clock)
+    sonar = open_sonar(options, clock)
     stack.callback(sonar.close)
-    newest = _newest_frames(options, settings, clock)
+    newest = open_depth_camera(options, settings, clock)
     stack.callback(newest.close)
     camera = _with_fisheye(options, newest, clock)
     stack.callback(camera.close)
     return Hardware(camera, sonar, output, display, buttons, newest)
 
 
-def _newest_frames(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:
+def open_depth_camera(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:
+    """Open the depth camera, or the recording in its place. Raises VbrError."""
     timeout_s = settings.watchdog.camera_timeout_s
     if options.camera is None:
         assert options.recording is not None
         return NewestFrameCamera(RecordedCamera(open_recording(options.recording), clock), clock, timeout_s)
     name = options.camera
-    real = ReopenedCamera(lambda: _open_camera(name, clock), clock)
+    real = ReopenedCamera(lambda: open_camera(name, clock), clock)
     return NewestFrameCamera(real, clock, timeout_s, real.abandon)
 
 
-def _open_camera(name: SensorName, clock: Clock) -> CameraSource:
+def open_camera(name: SensorName, clock: Clock) -> CameraSource:
+    """Open a depth camera by its name. Raises SensorError, MissingPackageError."""
     if name.kind == "oak":
         from device_agent.adapters.oak import OakSource
 
@@ -91,14 +96,33 @@ def _with_fisheye(options: DeviceOptions, camera: DepthCamera, clock: Clock) -> 
     if options.fisheye is None:
         return camera
     from device_agent.adapters.paired_camera import PairedCamera
-    from device_agent.adapters.uvc import open_uvc_camera
 
-    assert options.fisheye_calibration is not None
-    wide = open_uvc_camera(options.fisheye, read_fisheye_camera(options.fisheye_calibration), clock)
+    wide = open_fisheye(options.fisheye, options, clock)
     return PairedCamera(camera, wide, clock, wide.abandon)
 
 
-def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:
+def open_fisheye(path: str, options: DeviceOptions, clock: Clock) -> Reopening[FisheyeImage]:
+    """Open the fisheye camera with its calibration. Raises VbrError."""
+    from device_agent.adapters.uvc import open_uvc_camera
+
+    return open_uvc_camera(path, _fisheye_camera(options), clock)
+
+
+def _fisheye_camera(options: DeviceOptions) -> FisheyeCamera:
+    if options.fisheye_calibration is not None:
+        return read_fisheye_camera(options.fisheye_calibration)
+    stored = CalibrationStore(options.state).load()
+    camera = None if stored is None or stored.calibration.fisheye is None else stored.calibration.fisheye.camera
+    if camera is None:
+        raise InputError(
+            "The fisheye camera has no calibration with a mounting: name --fisheye-calibration FILE, or run"
+            " `vbr calibrate fisheye` with --mounting FILE."
+        )
+    return camera
+
+
+def open_sonar(options: DeviceOptions, clock: Clock) -> Sonar:
+    """Open the rangefinder; one that says it is absent where none is named. Raises VbrError."""
     if options.sonar is None or options.sonar.where is None:
         return NoSonar(clock)
     from device_agent.adapters.serial_sonar import SerialSonar
@@ -106,7 +130,8 @@ def _sonar(options: DeviceOptions, clock: Clock) -> Sonar:
     return SerialSonar(options.sonar.where, clock)
 
 
-def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+def open_buttons(options: DeviceOptions, clock: Clock) -> Buttons:
+    """Open the buttons; those that nobody can press where none are named. Raises VbrError."""
     if options.buttons is None:
         return NoButtons()
     if options.buttons.where is None:
@@ -118,7 +143,8 @@ def _buttons(options: DeviceOptions, clock: Clock) -> Buttons:
     return EvdevButtons(options.buttons.where, clock)
 
 
-def _display(options: DeviceOptions) -> DisplayOutput | None:
+def open_display(options: DeviceOptions) -> DisplayOutput | None:
+    """Open the display; None where none is named. Raises VbrError."""
     if options.screen is not None and options.overlay is not None:
         raise InputError("The overlay is shown in one place: name --display or --overlay, not both.")
     if options.screen is not None and options.screen.where is not None:
@@ -132,7 +158,8 @@ def _display(options: DeviceOptions) -> DisplayOutput | None:
     return PngDisplay(options.overlay)
 
 
-def _simulated(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:
+def simulated_hardware(options: DeviceOptions, clock: PacedClock) -> tuple[DepthCamera, Sonar, CueOutput]:
+    """Return camera, rangefinder and ears of a walker who stands in the simulated building. Raises InputError."""
     from device_agent.simulation.adapters import SimulatedCamera, SimulatedEar, SimulatedSonar
     from device_agent.simulation.office_floor import office_floor
     from device_agent.simulation.walker import drawn_walker

@@ -9,9 +9,11 @@ from typing import Literal
 
 from device_agent.load_plan import LoadLevel
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from navcore.calibration import Calibration
 from navcore.modes import Mode
 from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.memory import ObstacleMemory
+from navcore.obstacle.mounting import MountingWatch
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.way_finding import Blockage, WayFinder
 from navcore.settings import Settings
@@ -86,6 +88,10 @@ class DeviceState:
     """When and where the position was last known for sure."""
     guidance: Guidance | None = None
     """The previous guidance: the only memory of route following."""
+    calibration: Calibration = field(default_factory=Calibration)
+    """What has been measured of these glasses."""
+    mounting: MountingWatch = field(default_factory=MountingWatch)
+    """Whether the camera is still where it was calibrated."""
     obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
     """What was in the way a moment ago and may be out of the image now."""
     heard: ObstacleMemory = field(default_factory=ObstacleMemory)

@@ -147,6 +147,21 @@ class GateSettings(_Group):
     """A reading older than this is not believed."""
 
 
+class CalibrationSettings(_Group):
+    """Calibration."""
+
+    tilt_tolerance_deg: float = _setting(6.0, 3.0, 15.0, step=0.5, source="a ramp of 1:12 is 4.8°", safety=True)
+    """The floor may lie so far from where the calibration has it before the camera has moved."""
+    height_tolerance_m: float = _setting(0.2, 0.1, 0.5, step=0.05, source="design", safety=True)
+    """The camera may be so much higher or lower above the floor than it was when calibrated."""
+    moved_after_s: float = _setting(3.0, 1.0, 20.0, step=0.5, source="design", safety=True)
+    """How long the floor must disagree with the calibration where a nodding head is told from a camera that has moved:
+    in height, and against gravity or the pose."""
+    posture_after_s: float = _setting(5.0, 2.0, 60.0, step=1.0, source="a look at one's feet is shorter", safety=True)
+    """How long the camera must look higher, lower or more aslant than when calibrated, on the average of a stride,
+    where only the head might."""
+
+
 class CueSettings(_Group):
     """Cues."""
 
@@ -220,6 +235,7 @@ class Settings(BaseModel):
     obstacle: ObstacleSettings = ObstacleSettings()
     follower: FollowerSettings = FollowerSettings()
     gate: GateSettings = GateSettings()
+    calibration: CalibrationSettings = CalibrationSettings()
     cues: CueSettings = CueSettings()
     watchdog: WatchdogSettings = WatchdogSettings()
     deadlines: DeadlineSettings = DeadlineSettings()

@@ -167,6 +167,8 @@ class SonarReading:
     state: SonarState
     distance_m: float | None = None
     """Distance of the nearest echo within the 15° cone; None unless the state is OK."""
+    bearing_rad: float = 0.0
+    """Direction of the cone's axis, to the left of the camera's; 0 where it has not been measured."""
 
 
 # ------------------------------------------------------------------------------------------------ localization
@@ -342,6 +344,7 @@ class Reason(enum.Enum):
     DEPTH_INVALID = "depth_invalid"
     POSE_LOST = "pose_lost"
     SENSOR_STALE = "sensor_stale"
+    CAMERA_MOVED = "camera_moved"
     ARRIVED = "arrived"
     NO_ROUTE = "no_route"
     PAUSED = "paused"
@@ -362,6 +365,7 @@ _REASON_SENTENCES = {
     Reason.DEPTH_INVALID: "The depth camera sees too little to be believed.",
     Reason.POSE_LOST: "The place in the map is not known.",
     Reason.SENSOR_STALE: "A sensor has stopped delivering.",
+    Reason.CAMERA_MOVED: "The camera has moved: the floor is not where the calibration has it.",
     Reason.ARRIVED: "The destination is reached.",
     Reason.NO_ROUTE: "No destination is set, or no way leads there.",
     Reason.PAUSED: "Guidance is paused.",

@@ -17,6 +17,7 @@ from device_agent.device_store import DeviceStore
 from device_agent.ports import Button, ButtonPress, CueOutput, PressKind, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
+from navcore.calibration import Calibration
 from navcore.cues.table import CueKind
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
@@ -76,6 +77,7 @@ class Rig:
     """Where events go instead of to the fake."""
     first_output: CueOutput | None = None
     """Speaks before the fake does."""
+    calibration: Calibration = field(default_factory=Calibration)
 
     def __post_init__(self) -> None:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
@@ -88,7 +90,8 @@ class Rig:
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
             timer_s=self.timer_s, plans_load=self.plans_load, tap=self.tap,
         )  # fmt: skip
-        self.agent = DeviceAgent(parts, DeviceState(Settings(), GRAPH, "hall-site", "old-map"), self.localizer)
+        state = DeviceState(Settings(), GRAPH, "hall-site", "old-map", calibration=self.calibration)
+        self.agent = DeviceAgent(parts, state, self.localizer)
 
     def _frames(self) -> Iterator[Frame | Exception]:
         while True:

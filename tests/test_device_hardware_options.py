@@ -73,7 +73,7 @@ def test_what_is_no_name_is_refused_with_those_there_are(what: str, text: str, s
         (["--simulated", "--camera", "oak"], "one camera"),
         (["--camera", "oak", "--recording", "x"], "one camera"),
         (["--camera", "webcam"], "use realsense"),
-        (["--camera", "oak", "--fisheye", "/dev/video2"], "--fisheye-calibration"),
+        (["--camera", "oak", "--fisheye-calibration", "x"], "name --fisheye DEVICE as well"),
         (["--simulated", "--sonar", "serial:/dev/ttyUSB0"], "leave --fisheye and --sonar out"),
         (["--recording", "x", "--fisheye", "y", "--fisheye-calibration", "z"], "leave --fisheye out"),
         (["--camera", "oak", "--sonar", "serial"], "write serial:/dev/ttyUSB0"),

@@ -16,6 +16,8 @@ from navcore import wire
 from navcore.cues.table import Cue
 from navcore.errors import SensorError
 from navcore.geometry import FloatArray, Transform
+from navcore.obstacle.levelling import Expected, Levelling
+from navcore.obstacle.mounting import FloorFinder
 from navcore.obstacle.scan import Scanner
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import ObstacleSettings, Settings
@@ -141,6 +143,9 @@ class CycleNotes(msgspec.Struct, frozen=True):
     """The frame's pictures are in the file, right before this."""
     load_level: LoadLevel = LoadLevel.FULL
     """What was left out because the device was too slow."""
+    floor: Levelling | None = None
+    """The floor that was seen; None where none was, or nobody looked."""
+    floor_error: Raised | None = None
 
 
 class Opening(msgspec.Struct, frozen=True):
@@ -175,6 +180,8 @@ class Notepad:
     localization_error: Raised | None = None
     scan: ObstacleScan | None = None
     scan_error: Raised | None = None
+    floor: Levelling | None = None
+    floor_error: Raised | None = None
     sonar: SonarReading | None = None
     sonar_error: Raised | None = None
     play_errors: list[tuple[int, Raised]] = field(default_factory=list)
@@ -189,6 +196,7 @@ class Notepad:
             self.localization_error, self.scan, self.scan_error, self.sonar, self.sonar_error,
             tuple(self.play_errors), guidance, tuple(self.cues), pictures,
             self.load_level,
+            self.floor, self.floor_error,
         )  # fmt: skip
 
 
@@ -311,9 +319,10 @@ def noting_scanner(scanner: Scanner, pad: Callable[[], Notepad]) -> Scanner:
         intrinsics: CameraIntrinsics,
         world_from_camera: Transform | None,
         settings: ObstacleSettings,
+        expected: Expected | None,
     ) -> ObstacleScan:
         try:
-            seen = scanner(depth_m, intrinsics, world_from_camera, settings)
+            seen = scanner(depth_m, intrinsics, world_from_camera, settings, expected)
         except Exception as error:
             pad().scan_error = Raised.of(error)
             raise
@@ -321,3 +330,18 @@ def noting_scanner(scanner: Scanner, pad: Callable[[], Notepad]) -> Scanner:
         return seen
 
     return scan
+
+
+def noting_floor_finder(finder: FloorFinder, pad: Callable[[], Notepad]) -> FloorFinder:
+    """Return a floor finder whose results, or failures, are noted."""
+
+    def find(depth_m: DepthImage, intrinsics: CameraIntrinsics) -> Levelling | None:
+        try:
+            seen = finder(depth_m, intrinsics)
+        except Exception as error:
+            pad().floor_error = Raised.of(error)
+            raise
+        pad().floor = seen
+        return seen
+
+    return find

@@ -26,6 +26,7 @@ from device_agent.recording.notes import (
     NotingLocalizer,
     NotingOutput,
     NotingSonar,
+    noting_floor_finder,
     noting_scanner,
 )
 from device_agent.recording.options import RecordingOptions
@@ -114,6 +115,7 @@ class WalkRecorder(Tap):
             sonar=NotingSonar(ports.sonar, self._notepad),
             localizer=NotingLocalizer(ports.localizer, self._notepad),
             scan=noting_scanner(ports.scan, self._notepad),
+            floor=noting_floor_finder(ports.floor, self._notepad),
             stale_s=stale_s,
         )
 

@@ -32,6 +32,7 @@ from device_agent.state import PreparedMap
 from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
 from navcore.geometry import Transform
+from navcore.obstacle.levelling import Expected, Levelling
 from navcore.settings import ObstacleSettings, Settings, SettingValue
 from navcore.site import Site
 from navcore.types import (
@@ -280,21 +281,30 @@ class _ReplayTap(Tap):
 
     def ports(self, ports: Ports) -> Ports:
         """Give what was read then."""
-        scan = ports.scan
+        scan, find_floor = ports.scan, ports.floor
+
+        def floor(depth_m: DepthImage, intrinsics: CameraIntrinsics) -> Levelling | None:
+            if self.from_pictures:
+                return find_floor(depth_m, intrinsics)
+            if self.notes.floor_error is not None:
+                raise self.notes.floor_error.error()
+            return self.notes.floor
 
         def seen(
             depth_m: DepthImage,
             intrinsics: CameraIntrinsics,
             world_from_camera: Transform | None,
             settings: ObstacleSettings,
+            expected: Expected | None,
         ) -> ObstacleScan:
             if self.from_pictures:
-                self.seen = scan(depth_m, intrinsics, world_from_camera, settings)
+                self.seen = scan(depth_m, intrinsics, world_from_camera, settings, expected)
             else:
                 self.seen = _given(self.notes.scan, self.notes.scan_error)
             return self.seen
 
-        return replace(ports, localizer=_ReplayedLocalizer(self, ports.localizer), scan=seen, stale_s=self.stale_s)
+        localizer = _ReplayedLocalizer(self, ports.localizer)
+        return replace(ports, localizer=localizer, scan=seen, floor=floor, stale_s=self.stale_s)
 
 
 def _given(value: T | None, error: Raised | None) -> T:

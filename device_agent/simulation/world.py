@@ -165,6 +165,11 @@ class SimulatedWorld:
             number, self._pings = self._pings, self._pings + 1
             return self._sonar_model.measure(time_s, self._head(), number, self._placements(time_s))
 
+    def knock(self, mount: HeadMount) -> None:
+        """Let the camera sit otherwise on the head from now on, as if somebody had knocked against the glasses."""
+        with self._lock:
+            self._mount = mount
+
     def truth(self) -> WalkerBody:
         """Return where the walker truly is. For evaluation only."""
         with self._lock:

@@ -186,6 +186,18 @@ def _broken(sheet: Sheet) -> list[Shape]:
     ]  # fmt: skip
 
 
+def _tilted(sheet: Sheet) -> list[Shape]:
+    """A camera that leans over, above a level floor."""
+    lean = math.radians(-24.0)
+    c, s = math.cos(lean), math.sin(lean)
+    case = np.array([(-34.0, -18.0), (34.0, -18.0), (34.0, 18.0), (-34.0, 18.0), (-34.0, -18.0)])
+    case = case @ np.array([[c, s], [-s, c]]) - (0.0, 8.0)
+    return [
+        sheet.line(case, Ink.TEXT, 6), sheet.moved(0.0, -8.0).disc(10.0, Ink.NEAR),
+        sheet.line([(-44.0, 36.0), (44.0, 36.0)], Ink.TEXT, 6),
+    ]  # fmt: skip
+
+
 def _bars(sheet: Sheet) -> list[Shape]:
     return [
         sheet.area([(x - 8.0, -28.0), (x + 8.0, -28.0), (x + 8.0, 28.0), (x - 8.0, 28.0)], Ink.TEXT)
@@ -216,6 +228,7 @@ _PICTOGRAMS: dict[Reason, Callable[[Sheet], list[Shape]]] = {
     Reason.DEPTH_INVALID: _eye,
     Reason.POSE_LOST: _question,
     Reason.SENSOR_STALE: _broken,
+    Reason.CAMERA_MOVED: _tilted,
     Reason.NO_ROUTE: _no_goal,
     Reason.PAUSED: _bars,
 }

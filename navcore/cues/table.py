@@ -145,7 +145,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
-         "way_anew"),
+         "way_anew", "camera_moved", "camera_agrees"),
     ),
     CueKind.ANSWER: CueEntry(
         CuePriority.OFF_ROAD, "The device answers a button, or tells what was ordered.", _SPOKEN, "no other",

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from navcore.angles import RelativeAngle
+from navcore.angles import RelativeAngle, wrap_rad
 from navcore.settings import GateSettings
 from navcore.types import SonarReading, SonarState
 
@@ -41,14 +41,17 @@ def echo_distance_m(reading: SonarReading) -> float | None:
 def is_open(direction: RelativeAngle, reading: SonarReading, required_m: float, settings: GateSettings) -> bool:
     """Return whether a direction may be walked (Eq. 5).
 
-    Outside the ultrasonic field it may; inside it only where the echo is farther than required (δ, or the sub-goal
-    and a margin where that is nearer). Without a working sensor the depth camera alone decides. The printed equation
-    says nothing of "no echo", of a stale reading, or of no sensor.
+    Outside the ultrasonic field, which lies about where the rangefinder looks, it may; inside it only where the echo is
+    farther than required (δ, or the sub-goal and a margin where that is nearer). Without a working sensor the depth
+    camera alone decides. The printed equation says nothing of "no echo", of a stale reading, or of no sensor.
     """
     if not math.isfinite(direction):
         return False
     distance_m = echo_distance_m(reading)
-    if distance_m is None or abs(direction) > math.radians(settings.half_field_deg):
+    if distance_m is None:
+        return True
+    # A bearing that is no number puts every direction inside the field.
+    if abs(wrap_rad(direction - reading.bearing_rad)) > math.radians(settings.half_field_deg):
         return True
     return distance_m > required_m
 

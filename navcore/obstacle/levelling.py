@@ -32,6 +32,8 @@ _MAX_FROM_NOMINAL = math.cos(math.radians(60.0))
 """Unlocalized, the floor's normal lies within this of the image's up: people do not lie on their side while walking."""
 _CAMERA_HEIGHT_M = (0.4, 2.5)
 _FLOOR_SHARE = 0.08
+_MAX_FROM_EXPECTED_M = 0.35
+"""People stoop, and stand on tiptoe."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +44,16 @@ class Levelling:
     """Rotation (3, 3) to axes x forward along the heading, y left, z up."""
     height_m: float
     """Height of the camera above the floor."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Expected:
+    """What is known of the camera's attitude and height without looking at the floor (a calibration, and gravity)."""
+
+    height_m: float
+    """Height of the camera above the floor."""
+    up: FloatArray | None = None
+    """Up (3,) in the camera's frame; None where nothing tells: a head that nods turns the camera."""
 
 
 def level_by_pose(world_from_camera: Transform) -> Levelling:
@@ -82,6 +94,22 @@ def level_by_floor(depth_m: DepthImage, intrinsics: CameraIntrinsics, seed: int 
     if score[best] < _FLOOR_SHARE * len(points):
         return None
     return _refined(_levelling_of(normals[best], float(heights[best])), points)
+
+
+def level_as_expected(
+    expected: Expected, depth_m: DepthImage, intrinsics: CameraIntrinsics, seed: int = 0
+) -> Levelling | None:
+    """Find the floor where it is expected to be (see :func:`level_by_floor`).
+
+    A plane at another height is no floor, but a table. Where none is in view, up and height are taken as expected;
+    None where up is not known either.
+    """
+    found = level_by_floor(depth_m, intrinsics, seed)
+    if found is not None and abs(found.height_m - expected.height_m) <= _MAX_FROM_EXPECTED_M:
+        return found
+    if expected.up is None:
+        return None
+    return refine_by_floor(_levelling_of(expected.up, expected.height_m), depth_m, intrinsics)
 
 
 def refine_by_floor(levelling: Levelling, depth_m: DepthImage, intrinsics: CameraIntrinsics) -> Levelling:

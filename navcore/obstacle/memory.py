@@ -94,8 +94,9 @@ def remember(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: fl
 
 
 def remember_heard(
-    heard: ObstacleMemory, scan: ObstacleScan, echo_m: float | None, half_field_rad: float, pose: Pose2D, now_s: float
-) -> ObstacleMemory:
+    heard: ObstacleMemory, scan: ObstacleScan, echo_m: float | None, half_field_rad: float, pose: Pose2D, now_s: float,
+    looks_rad: float = 0.0,
+) -> ObstacleMemory:  # fmt: skip
     """Return what is remembered of the echoes that nothing in the image explains.
 
     An echo says how far, not where in the ultrasonic field: all of the arc is kept, until the rangefinder, turned to
@@ -108,6 +109,7 @@ def remember_heard(
         half_field_rad: half of the ultrasonic field.
         pose: where the walker is.
         now_s: the present time.
+        looks_rad: the direction of the rangefinder's axis, to the left of the camera's.
     """
     bearing_rad, range_m = seen_from(pose, heard.places_m)
     often = heard.seen_count >= _HEARD_OFTEN
@@ -116,15 +118,15 @@ def remember_heard(
     if echo_m is None:
         return heard.kept(kept)
     reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)
-    silent = (np.abs(bearing_rad) < reached_rad) & (range_m < echo_m - _GONE_MARGIN_M)
+    silent = (np.abs(bearing_rad - looks_rad) < reached_rad) & (range_m < echo_m - _GONE_MARGIN_M)
     heard = heard.kept(kept & ~(silent & (now_s - heard.seen_s > _SILENT_FOR_S)))
-    about = np.abs(scan.bearing_rad) <= _ABOUT_RAD
+    about = np.abs(scan.bearing_rad - looks_rad) <= _ABOUT_RAD
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))
     if echo_m >= _HEARD_WITHIN_M or shown_m < echo_m + _UNSEEN_MARGIN_M:
         return heard
     half_arc_rad = half_field_rad + _HEARD_BESIDE_M / max(echo_m, _HEARD_BESIDE_M)
     count = 2 + int(2.0 * half_arc_rad * echo_m / CELL_M)
-    points = placed(pose, np.linspace(-half_arc_rad, half_arc_rad, count), np.full(count, echo_m))
+    points = placed(pose, looks_rad + np.linspace(-half_arc_rad, half_arc_rad, count), np.full(count, echo_m))
     cells = np.unique(np.floor(points / CELL_M).astype(np.int64), axis=0)
     top_m = np.full(len(cells), _HEARD_TOP_M)
     return _merged(heard, ObstacleMemory(cells, top_m, np.full(len(cells), now_s), np.ones(len(cells), np.int64)))

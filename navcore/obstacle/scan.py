@@ -14,12 +14,19 @@ from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray, Transform
 from navcore.obstacle.corridor import candidate_directions, clearance_ahead_m
-from navcore.obstacle.levelling import Levelling, level_by_floor, level_by_pose, refine_by_floor
+from navcore.obstacle.levelling import (
+    Expected,
+    Levelling,
+    level_as_expected,
+    level_by_floor,
+    level_by_pose,
+    refine_by_floor,
+)
 from navcore.obstacle.polar_grid import MAX_RANGE_M, RANGE_STEP_M, PolarGrid, polar_grid
 from navcore.settings import ObstacleSettings
 from navcore.types import BearingState, CameraIntrinsics, DepthImage, ObstacleScan
 
-Scanner = Callable[[DepthImage, CameraIntrinsics, Transform | None, ObstacleSettings], ObstacleScan]
+Scanner = Callable[[DepthImage, CameraIntrinsics, Transform | None, ObstacleSettings, Expected | None], ObstacleScan]
 """What :func:`scan` is: a replay of a walk without pictures has another one."""
 _MIN_OBSTACLE_POINTS = 4
 """Points in a cell and the next one before something stands there: flying pixels and noise are fewer."""
@@ -36,6 +43,7 @@ def scan(
     intrinsics: CameraIntrinsics,
     world_from_camera: Transform | None,
     settings: ObstacleSettings,
+    expected: Expected | None = None,
 ) -> ObstacleScan:
     """Return what the depth image says along each bearing, and the candidate walkable directions.
 
@@ -45,11 +53,15 @@ def scan(
         world_from_camera: pose with the floor at z = 0, for levelling; None while not localized, then the floor is
             looked for in the image.
         settings: thresholds.
+        expected: how the camera is held by its calibration; None where it has none. A pose tells more.
     """
-    if world_from_camera is None:
-        levelling = level_by_floor(depth_m, intrinsics)
-    else:
+    levelling: Levelling | None
+    if world_from_camera is not None:
         levelling = refine_by_floor(level_by_pose(world_from_camera), depth_m, intrinsics)
+    elif expected is not None:
+        levelling = level_as_expected(expected, depth_m, intrinsics)
+    else:
+        levelling = level_by_floor(depth_m, intrinsics)
     if levelling is None:
         return nothing_known(depth_m)
     return scan_levelled(depth_m, intrinsics, levelling, settings)

@@ -1,0 +1,181 @@
+"""Checks of the machine: map, disk, clock, link, memory and processor."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import shutil
+import ssl
+import subprocess
+import time
+from collections.abc import Callable
+from email.utils import parsedate_to_datetime
+from pathlib import Path
+
+from device_agent.doctor.findings import Finding, failed, ok, warning
+from navcore.errors import InputError
+from navcore.site import load_site
+from navcore.site_files import write_whole
+
+_LOW_BYTES, _FULL_BYTES = 1 << 30, 100 << 20
+_LOW_MEMORY_BYTES, _NO_MEMORY_BYTES = 500 << 20, 150 << 20
+_HOT_C, _TOO_HOT_C = 75.0, 90.0
+_LEAP_S = 1.0
+_OLDEST_S = 1_767_225_600.0
+"""1 January 2026: a clock before it has never been set."""
+_MAX_OFFSET_S = 5.0
+_ANSWER_WITHIN_S = 5.0
+
+
+def check_map(site: Path | None) -> Finding:
+    """Read the whole site, checksums included."""
+    if site is None:
+        return failed("no map is named", "name the site's folder with --site")
+    loaded = load_site(site)
+    places = [poi for poi in loaded.poi_graph.pois.values() if poi.kind != "junction"]
+    found = f"{loaded.name}: {len(places)} places, version {loaded.poi_graph.version}, whole"
+    if not places:
+        return warning(found, "nobody can choose a destination: name places in the console, and publish")
+    return ok(found)
+
+
+def check_disk(folder: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free) -> Finding:
+    """Write to the device's own folder, and look how much room there is."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        free = free_bytes(folder)
+        probe = folder / ".doctor"
+        write_whole(probe, b"vbr doctor\n")
+        probe.unlink()
+    except OSError as error:
+        raise InputError(
+            f"{folder} cannot be written ({error.strerror}): free the disk, run as the device's user, or name --state."
+        ) from error
+    found = f"{free / (1 << 30):.1f} GiB free at {folder}"
+    if free < _FULL_BYTES:
+        return failed(found, "free the disk: settings, events and logs are lost soon")
+    if free < _LOW_BYTES:
+        return warning(found, "free the disk: move recordings elsewhere")
+    return ok(found)
+
+
+class ClockWatch:
+    """Notes how the time of day and the steady clock go apart while the other checks run."""
+
+    def __init__(self, wall_s: Callable[[], float] = time.time, steady_s: Callable[[], float] = time.monotonic) -> None:
+        self._wall_s, self._steady_s = wall_s, steady_s
+        self._offset_s = wall_s() - steady_s()
+
+    def check(self, newest_s: float, is_synchronised: Callable[[], bool | None]) -> Finding:
+        """Tell whether the time of day can be believed.
+
+        Args:
+            newest_s: the newest time that this device has ever noted, seconds since 1970; 0 where it has noted none.
+            is_synchronised: asks the system; None where it does not say.
+        """
+        now_s = self._wall_s()
+        leap_s = now_s - self._steady_s() - self._offset_s
+        found = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s))
+        if now_s < max(_OLDEST_S, newest_s - 60.0):
+            return failed(f"{found} is earlier than what was noted before", "set the clock: connect to a network once")
+        if abs(leap_s) > _LEAP_S:
+            return warning(f"{found}; it leapt by {leap_s:+.1f} s meanwhile", "wait until the clock is set")
+        synchronised = is_synchronised()
+        if synchronised is None:
+            return warning(f"{found}; whether it is synchronised is not known", "install systemd-timesyncd or chrony")
+        if not synchronised:
+            return warning(
+                f"{found}; it is not synchronised", "connect to a network once, and enable time synchronisation"
+            )
+        return ok(f"{found}, synchronised")
+
+
+def clock_is_synchronised() -> bool | None:
+    """Ask systemd; None where there is none to be asked."""
+    with contextlib.suppress(OSError, subprocess.SubprocessError):
+        done = subprocess.run(
+            ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
+            capture_output=True, text=True, timeout=5.0, check=True,
+        )  # fmt: skip
+        return {"yes": True, "no": False}.get(done.stdout.strip())
+    return None
+
+
+def check_link(url: str | None, token: Callable[[], str], tls: Callable[[], ssl.SSLContext | None]) -> Finding:
+    """Join the console's socket and leave before saying who calls: a device that is there already is not disturbed."""
+    if url is None:
+        return ok("no console is named; the device leads without one")
+    from websockets.exceptions import InvalidStatus, WebSocketException
+    from websockets.sync.client import connect
+
+    headers = {"Authorization": f"Bearer {token()}"}
+    try:
+        began_s = time.time()
+        with connect(
+            url.rstrip("/") + "/device", additional_headers=headers, ssl=tls(), open_timeout=_ANSWER_WITHIN_S,
+            close_timeout=1.0, proxy=None,
+        ) as socket:  # fmt: skip
+            answered_s = time.time()
+            date = "" if socket.response is None else socket.response.headers.get("Date", "")
+    except InvalidStatus as error:
+        if error.response.status_code in (401, 403):
+            return failed("the console refuses the token", "make a new one with `vbr console token`, and give it here")
+        return failed(f"the console answers {error.response.status_code}", "see that the address is the console's")
+    except (OSError, WebSocketException) as error:
+        # Guidance never depends on the console.
+        return warning(f"the console does not answer ({error})", "see that it runs, and that the network is there")
+    return _reached(answered_s - began_s, _offset_s(date, answered_s))
+
+
+def _reached(took_s: float, offset_s: float | None) -> Finding:
+    found = f"reached in {1000.0 * took_s:.0f} ms, token accepted"
+    if offset_s is None:
+        return ok(f"{found}; the console does not tell its time")
+    if abs(offset_s) > _MAX_OFFSET_S:
+        return warning(
+            f"{found}; its clock is {offset_s:+.0f} s off ours", "set both clocks: see the check of the clock"
+        )
+    return ok(f"{found}, clocks within {_MAX_OFFSET_S:g} s")
+
+
+def _offset_s(date: str, now_s: float) -> float | None:
+    """Return the console's clock minus ours, to a second: HTTP tells whole seconds (RFC 9110, 6.6.1)."""
+    try:
+        return parsedate_to_datetime(date).timestamp() + 0.5 - now_s
+    except (TypeError, ValueError):
+        return None
+
+
+def check_system(
+    meminfo: Path = Path("/proc/meminfo"), thermal: Path = Path("/sys/class/thermal"), load: float | None = None
+) -> Finding:
+    """Look at free memory, load and temperature."""
+    free, cores = _available_bytes(meminfo), os.cpu_count() or 1
+    load = os.getloadavg()[0] if load is None else load
+    hottest_c = _hottest_c(thermal)
+    heat = "" if hottest_c is None else f", {hottest_c:.0f} °C"
+    memory = "memory unknown" if free is None else f"{free / (1 << 20):.0f} MiB free"
+    found = f"{memory}, load {load:.1f} on {cores} cores{heat}"
+    if free is not None and free < _NO_MEMORY_BYTES:
+        return failed(found, "end other programs: the device is about to be ended for lack of memory")
+    if hottest_c is not None and hottest_c > _TOO_HOT_C:
+        return failed(found, "let it cool down: the processor is being slowed")
+    if free is None or free < _LOW_MEMORY_BYTES or load > 1.5 * cores or (hottest_c or 0.0) > _HOT_C:
+        return warning(found, "end other programs, and let it cool down")
+    return ok(found)
+
+
+def _available_bytes(meminfo: Path) -> int | None:
+    with contextlib.suppress(OSError, ValueError, IndexError):
+        for line in meminfo.read_text(encoding="ascii").splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    return None
+
+
+def _hottest_c(folder: Path) -> float | None:
+    readings = []
+    for path in folder.glob("thermal_zone*/temp"):
+        with contextlib.suppress(OSError, ValueError):
+            readings.append(int(path.read_text(encoding="ascii")) / 1000.0)
+    return max(readings, default=None)

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from device_agent.cycle import Cycle
 from device_agent.motion import extended_trail
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
-from device_agent.state import DeviceState, Effect, Happened
+from device_agent.state import DeviceState, Effect, Happened, Step
 from device_agent.states import StateEvent, may_be_told
 from device_agent.transitions import happen, mode_event
 from device_agent.voice import Voice
@@ -85,6 +85,8 @@ def run_stages(state: DeviceState, ports: Ports) -> Outcome:
             frame = ports.camera.read()
         if state.mode is Mode.OFF_DUTY:
             return _resting(state, ports, frame, times)
+        if state.purpose is Mode.MAPPING:
+            return _mapping(state, ports, frame, times)
         return _from_frame(state, ports, frame, times)
     except SensorError as error:
         why = str(error)
@@ -215,8 +217,7 @@ def _found(
     state: DeviceState, decided: Guidance, located: Localization, now_s: float, fresh_for_s: float
 ) -> tuple[DeviceState, tuple[Effect, ...]]:
     """Hand what this cycle has found to the state machine: whether all works, and whether the place is known."""
-    works = fresh_for_s >= SETTLED_AFTER_S
-    state, effects = happen(state, StateEvent.RECOVERED if works else StateEvent.FAILED, now_s)
+    state, effects = _health(state, now_s, fresh_for_s)
     if state.on_the_way:
         # Guidance carries an uncertain pose on for a while, and waits until a lost one is certain again.
         known = decided.reason is not Reason.POSE_LOST
@@ -226,6 +227,12 @@ def _found(
         known = located.quality is LocalizationQuality.LOCALIZED
     state, also = happen(state, StateEvent.POSE_FOUND if known else StateEvent.POSE_LOST, now_s)
     return state, (*effects, *also)
+
+
+def _health(state: DeviceState, now_s: float, fresh_for_s: float) -> Step:
+    """Hand to the state machine whether all has worked for long enough."""
+    works = fresh_for_s >= SETTLED_AFTER_S
+    return happen(state, StateEvent.RECOVERED if works else StateEvent.FAILED, now_s)
 
 
 def _as_allowed(state: DeviceState, guidance: Guidance) -> Guidance:
@@ -249,6 +256,17 @@ def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) 
     cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state = replace(state, guidance=guidance, blind=False)
     return state, Cycle(frame.stamp_s, guidance, cues=cues, stage_ms=times.stage_ms), ()
+
+
+def _mapping(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) -> Outcome:
+    """Whoever records a map sees for themselves: nobody is located, and nothing but *Stop* can be told."""
+    now_s = ports.clock.now_s()
+    state, found = _health(state, now_s, now_s - max(state.failed_s, ports.stale_s()))
+    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "a map is being recorded")
+    cues = ports.voice.tell(state, guidance, now_s)
+    effects = (Happened("sensor", "The camera delivers again."), *found) if state.blind else found
+    state = replace(state, guidance=guidance, blind=False)
+    return state, Cycle(frame.stamp_s, guidance, frame, cues=cues, stage_ms=times.stage_ms), effects
 
 
 def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Outcome:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
@@ -16,7 +18,8 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import make_localizer
 from device_agent.map_download import staging_folder
-from device_agent.orders import Lead
+from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
+from device_agent.orders import Lead, Order
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
@@ -62,10 +65,13 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
             make_localizer, store, options.device_id, hardware.apply, hardware.display, hardware.buttons, tap,
         )  # fmt: skip
+        walks = _map_walks(options, hardware, lambda order: agent.submit(order))
+        stack.callback(walks.close)
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:
             tap.rehearsed(rehearsed)
-        agent = DeviceAgent(parts, state, localizer)
+        agent = DeviceAgent(replace(parts, map_walks=walks), state, localizer)
+        walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
             uplink.start(agent)
@@ -84,6 +90,11 @@ def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) 
         scan(frame.depth_m, hardware.camera.intrinsics, located.world_from_camera, settings.obstacle)
         return frame
     return None
+
+
+def _map_walks(options: DeviceOptions, hardware: Hardware, submit: Callable[[Order], None]) -> DeviceMapWalks:
+    plan = WalkPlan(options.state / "map-walks", options.site, owns_map=options.console_url is None)
+    return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
 
 
 def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:

@@ -5,15 +5,53 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shutil
 from pathlib import Path
 
 from navcore.errors import InputError, SettingError, SiteError
-from navcore.folder_swap import swap_in
+from navcore.folder_swap import recover, swap_in
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import save_poi_graph
 
 _log = logging.getLogger(__name__)
+
+
+def previous_site(site_folder: Path) -> Path:
+    """Return where the site that ran before the present one is kept."""
+    return site_folder.with_name(f".{site_folder.name}-previous")
+
+
+def keep_previous(site_folder: Path) -> None:
+    """Keep the present site, before another one takes its place. Raises OSError."""
+    if not site_folder.is_dir():
+        return
+    fresh = site_folder.with_name(f".{site_folder.name}-kept")
+    shutil.rmtree(fresh, ignore_errors=True)
+    # Files of a site are replaced, never changed: both folders may share them.
+    shutil.copytree(site_folder, fresh, copy_function=_link_or_copy)
+    swap_in(fresh, previous_site(site_folder))
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        # Not every disk knows links.
+        shutil.copy2(source, target)
+
+
+def restore_previous(site_folder: Path) -> None:
+    """Let present and previous site change places. Raises InputError where there is none, and OSError."""
+    previous = previous_site(site_folder)
+    recover(previous)
+    if not previous.is_dir():
+        raise InputError(f"No earlier map of {site_folder} is kept: build it again from its recording.")
+    staging = site_folder.with_name(f".{site_folder.name}-restored")
+    shutil.rmtree(staging, ignore_errors=True)
+    shutil.copytree(previous, staging, copy_function=_link_or_copy)
+    keep_previous(site_folder)
+    swap_in(staging, site_folder)
 
 
 class DeviceStore:
@@ -71,4 +109,5 @@ class DeviceStore:
         """Move a staged site into place. Raises OSError or SiteError, and the old site stays then."""
         if not staging.is_dir():
             raise SiteError(f"The new map is no longer at {staging}: publish it again.")
+        keep_previous(self.site_folder)
         swap_in(staging, self.site_folder)

@@ -25,6 +25,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     """Add ``vbr device``."""
     parser = subparsers.add_parser("device", help="run the device agent: the process on the glasses")
     parser.add_argument("--site", type=Path, required=True, metavar="DIR", help="the map to walk in")
+    parser.add_argument(
+        "--without-map", action="store_true", help="begin off duty where DIR holds no map yet: to record the first one"
+    )
     parser.add_argument("--to", metavar="PLACE", help="lead to this place at once; ends there when no console is named")
     parser.add_argument("--device-id", default="glasses", help="how the console tells devices apart")
     parser.add_argument("--state", type=Path, metavar="DIR", help="folder for settings and events over a restart")
@@ -139,6 +142,7 @@ def _options(arguments: argparse.Namespace) -> DeviceOptions:
         token=token,
         tls=_tls(arguments.ca_file),
         changes=changes,
+        without_map=arguments.without_map,
         to=arguments.to,
         recording=arguments.recording,
         camera=named("camera", arguments.camera),

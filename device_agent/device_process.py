@@ -16,7 +16,7 @@ from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
-from device_agent.localization import make_localizer
+from device_agent.localization import NoMap, make_localizer
 from device_agent.map_download import staging_folder
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.orders import Lead, Order
@@ -28,11 +28,14 @@ from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState
 from device_agent.warm_up import warm_up
-from navcore.errors import SensorError, VbrError
+from navcore.errors import InputError, SensorError, VbrError
+from navcore.folder_swap import recover
 from navcore.modes import Mode
 from navcore.obstacle.scan import scan
+from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
-from navcore.site import load_site, map_checksum
+from navcore.site import Site, load_site, map_checksum
+from navcore.site_files import MANIFEST
 from navcore.types import Frame
 
 _LONGEST_STEP_CYCLES = 1.5
@@ -42,8 +45,8 @@ _LONGEST_STEP_CYCLES = 1.5
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
     use_one_core()
-    site = load_site(options.site)
-    goal = find_place(site.poi_graph, options.to) if options.to else None
+    site = _site(options)
+    goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
     store = DeviceStore(options.state, options.site)
     store.prepare()
     settings, revision = store.load_settings()
@@ -54,12 +57,9 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     clock: Clock = paced or real
     with ExitStack() as stack:
         hardware = open_hardware(options, settings, clock, stack)
-        localizer = make_localizer(site, hardware.camera.intrinsics, settings)
+        localizer = NoMap() if site is None else make_localizer(site, hardware.camera.intrinsics, settings)
         uplink = _uplink(options, store, real, stack)
-        state = DeviceState(
-            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
-            promised_ready=True,
-        )  # fmt: skip
+        state = _first_state(options, site, settings, revision)
         tap = _tap(options, stack)
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, RealTimeUplink(uplink, paced) if paced else uplink,
@@ -80,6 +80,25 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         ends_itself = goal is not None and options.console_url is None
         agent.run(stopped, until_over=ends_itself)
         return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
+
+
+def _site(options: DeviceOptions) -> Site | None:
+    """Return the map to walk in; None where there is none and one is to be recorded. Raises SiteError, InputError."""
+    recover(options.site)
+    if not options.without_map or (options.site / MANIFEST).exists():
+        return load_site(options.site)
+    if options.to:
+        raise InputError("Nobody can be led where there is no map yet: leave --to out, and record a map walk first.")
+    return None
+
+
+def _first_state(options: DeviceOptions, site: Site | None, settings: Settings, revision: int) -> DeviceState:
+    if site is None:
+        return DeviceState(settings, PoiGraph(), settings_revision=revision, mode=Mode.OFF_DUTY)
+    return DeviceState(
+        settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
+        promised_ready=True,
+    )  # fmt: skip
 
 
 def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> Frame | None:

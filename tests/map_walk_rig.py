@@ -47,9 +47,7 @@ def walk_frames(
     staged = staged_walk(building or small_room(), waypoints_m, 0, rate_hz=RATE_HZ, max_length_m=max_length_m)
     heads = tuple(
         head
-        @ Transform.from_rotation_translation(
-            rotation_from_rotvec(np.array([-turned(stamp_s), 0.0, 0.0])), np.zeros(3)
-        )
+        @ Transform.from_rotation_translation(rotation_from_rotvec(np.array([-turned(stamp_s), 0.0, 0.0])), np.zeros(3))
         for head, stamp_s in zip(staged.heads, staged.stamp_s.tolist(), strict=True)
     )
     return [shot.frame for shot in shots(replace(staged, heads=heads), 0)]
@@ -134,6 +132,11 @@ class MapRig:
 
     def said(self, kind: CueKind) -> list[str]:
         return [cue.text for cue in self.output.cues if cue.kind is kind]
+
+    @property
+    def uplink_texts(self) -> list[str]:
+        """What the console hears of the device's doings."""
+        return [text for _, kind, text in self.uplink.events if kind == "mode"]
 
     @property
     def walk_folder(self) -> Path:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable
 
@@ -55,7 +56,7 @@ def test_a_trouble_is_said_once_it_has_lasted_and_again_only_after_a_while(advic
     times_s = [stamp_s for stamp_s, _ in found]
     assert times_s[0] == pytest.approx(HOLD_S[advice], abs=0.11)
     assert len(times_s) == 3
-    assert all(b - a == pytest.approx(SETTINGS.repeat_s, abs=0.11) for a, b in zip(times_s, times_s[1:], strict=False))
+    assert all(b - a == pytest.approx(SETTINGS.repeat_s, abs=0.11) for a, b in itertools.pairwise(times_s))
 
 
 @pytest.mark.parametrize("advice", TROUBLES)
@@ -104,8 +105,8 @@ def test_whatever_happens_there_is_time_between_two_sentences(seconds: list[Advi
         sight for k, advice in enumerate(seconds) for sight in sights(1.0, float(k), **TROUBLES.get(advice, {}))
     ]  # fmt: skip
     found = told(walk)
-    pairs = list(zip(found, found[1:], strict=False))
+    pairs = list(itertools.pairwise(found))
     assert all(b[0] - a[0] >= APART_S - 1e-6 for a, b in pairs if b[1] not in GOOD_NEWS)
     for advice in TROUBLES:
         times_s = [stamp_s for stamp_s, each in found if each is advice]
-        assert all(b - a >= SETTINGS.repeat_s - 1e-6 for a, b in zip(times_s, times_s[1:], strict=False))
+        assert all(b - a >= SETTINGS.repeat_s - 1e-6 for a, b in itertools.pairwise(times_s))

@@ -183,6 +183,9 @@ class WalkRecording:
                 self._recording.cover(item[0], [advice.value for advice in item[1]])
         except OSError as error:
             self._break_off("map_disk_full" if error.errno in _FULL else "map_not_recorded", error)
+        except Exception as error:
+            # The thread must live to the end of the walk, and nobody may believe that they still record.
+            self._break_off("map_not_recorded", error)
 
     def _look_at_disk(self, stamp_s: float) -> None:
         if stamp_s - self._looked_s < DISK_LOOK_EVERY_S:
@@ -191,7 +194,7 @@ class WalkRecording:
         if self._free_bytes(self.folder) < RESERVE_BYTES:
             self._break_off("map_disk_full", None)
 
-    def _break_off(self, key: str, error: OSError | None) -> None:
+    def _break_off(self, key: str, error: Exception | None) -> None:
         """Record no more; what was recorded stays."""
         self._writes = False
         if error is not None:

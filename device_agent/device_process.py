@@ -26,8 +26,9 @@ from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
-from device_agent.state import DeviceState
+from device_agent.state import DeviceState, MapWalkTold, Phrase
 from device_agent.warm_up import warm_up
+from navcore.cues.table import CueKind
 from navcore.errors import InputError, SensorError, VbrError
 from navcore.folder_swap import recover
 from navcore.modes import Mode
@@ -71,6 +72,8 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         if rehearsed is not None:
             tap.rehearsed(rehearsed)
         agent = DeviceAgent(replace(parts, map_walks=walks), state, localizer)
+        if site is None:
+            agent.submit(MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_none"),)))
         walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()

@@ -11,12 +11,14 @@ from dataclasses import dataclass, field, replace
 from device_agent.cycle import Cycle
 from device_agent.motion import extended_trail
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
-from device_agent.state import DeviceState, Effect, Happened, Step
+from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
 from device_agent.transitions import happen, mode_event
 from device_agent.voice import Voice
 from device_agent.watchdog import is_fresh
 from device_agent.way import plan_if_needed
+from navcore.cues.table import CueKind
+from navcore.cues.texts import TEXTS
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
 from navcore.guide import guide
@@ -264,16 +266,24 @@ def _mapping(state: DeviceState, ports: Ports, frame: Frame, times: StageTimes) 
     state, found = _health(state, now_s, now_s - max(state.failed_s, ports.stale_s()))
     guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "a map is being recorded")
     cues = ports.voice.tell(state, guidance, now_s)
-    effects = (Happened("sensor", "The camera delivers again."), *found) if state.blind else found
+    back = (Happened("sensor", "The camera delivers again."), _to_helper(state, "map_picture", CueKind.MAP_NEWS))
+    effects = (*back, *found) if state.blind else found
     state = replace(state, guidance=guidance, blind=False)
     return state, Cycle(frame.stamp_s, guidance, frame, cues=cues, stage_ms=times.stage_ms), effects
+
+
+def _to_helper(state: DeviceState, key: str, kind: CueKind) -> Notice:
+    """Whoever records a map takes silence for *all is well*."""
+    return Notice(TEXTS[state.settings.cues.language][key], kind=kind)
 
 
 def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimes) -> Outcome:
     """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
     now_s = ports.clock.now_s()
     guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
-    told = () if state.blind else (Happened("sensor", why[:500]),)
+    told: tuple[Effect, ...] = () if state.blind else (Happened("sensor", why[:500]),)
+    if told and state.purpose is Mode.MAPPING:
+        told = (*told, _to_helper(state, "map_no_picture", CueKind.MAP_ADVICE))
     state, effects = happen(state, StateEvent.FAILED, now_s)
     cues = ports.voice.tell(state, guidance, now_s)
     state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=(), located=None)

@@ -87,9 +87,10 @@ def test_nothing_can_guide_in_a_map_walk_whatever_happens(tmp_path: Path, good_w
     rig = MapRig(tmp_path)
     rig.begin(good_walk[0])
     for number, frame in enumerate(good_walk[:40]):
-        rig.show(SensorError("The camera delivers no pictures.") if number % 10 == 5 else frame)
+        rig.show(SensorError("The camera delivers no pictures.") if number % 20 == 5 else frame)
         assert rig.agent.state.purpose is Mode.MAPPING
         assert rig.agent.state.guidance is not None
         assert rig.agent.state.guidance.action is Action.STOP
+    assert TEXTS["en"]["map_no_picture"] in rig.said(CueKind.MAP_ADVICE), "silence would mean that all is well"
     assert {cue.kind for cue in rig.output.cues}.isdisjoint(GUIDING_KINDS)
     rig.walks.close()

@@ -156,7 +156,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",
         _SPOKEN, "no other", "every `map_walk.repeat_s` while it lasts",
         ("map_walk_covered", "map_walk_dark", "map_walk_lost", "map_walk_slow_down", "map_walk_look_ahead",
-         "map_walk_weak", "map_disk_full", "map_disk_slow", "map_not_recorded", "map_no_feedback"),
+         "map_walk_weak", "map_no_picture", "map_disk_full", "map_disk_slow", "map_not_recorded", "map_no_feedback"),
     ),
     CueKind.ANSWER: CueEntry(
         CuePriority.OFF_ROAD, "The device answers a button, or tells what was ordered.", _SPOKEN, "no other",
@@ -165,7 +165,8 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
     CueKind.MAP_NEWS: CueEntry(
         CuePriority.REASSURANCE, "How the recording or the building of a map goes on; not said while somebody is led.",
         _SPOKEN, "no other", "no",
-        ("map_walk_found", "map_walk_loop", "map_recorded", "map_handed_over", "map_building", "map_not_built",
+        ("map_none", "map_picture", "map_walk_found", "map_walk_loop", "map_recorded", "map_handed_over",
+         "map_building", "map_not_built",
          "map_unfinished", "map_built", "map_built_good", "map_built_weak"),
     ),
     CueKind.TURN_AHEAD: CueEntry(

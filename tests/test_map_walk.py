@@ -88,7 +88,7 @@ def test_from_the_first_press_to_a_guided_walk_in_the_new_map(tmp_path: Path, fr
     for key in ("map_offered", "map_begun", "map_ended"):
         assert TEXTS["en"][key] in heard
     assert "Place 1 is marked." in heard
-    assert any(text.startswith("The new map is in use. 4 metres of road, 2 places, 0 loops.") for text in heard)
+    assert any(text.startswith("The new map is in use. Road: 4 metres. Places: 2. Loops: 0.") for text in heard)
     assert any(text.startswith("Building the map: 50") for text in rig.uplink_texts)
 
     site = load_site(rig.site)
@@ -353,11 +353,13 @@ def test_what_is_recorded_live_is_what_a_recording_is(tmp_path: Path, frames: li
         walk, head_camera(320, 240), Settings(), lambda told: None, beside=True, free_bytes=lambda folder: 1 << 40
     )
     usual = RecordingWriter(tmp_path / "usual", head_camera(320, 240))
+    live.mark("Place 1")
     for frame in frames[:6]:
         live.take(frame)
         usual.add(frame)
-    live.mark("Place 1")
-    usual.mark(Mark(frames[5].stamp_s, "other", "Place 1"))
+    live.mark("Place 2")
+    usual.mark(Mark(frames[0].stamp_s, "other", "Place 1"))
+    usual.mark(Mark(frames[5].stamp_s, "other", "Place 2"))
     live.finish()
     usual.close()
     for name in ("associations.txt", "calib.txt", "marks.txt"):
@@ -372,8 +374,8 @@ def test_the_report_names_the_longest_weak_stretch() -> None:
     ]
     told = report_told({"road_m": 31.4, "places": 3, "loops_closed": 1, "weak_stretches": stretches})
     assert told.text("en") == (
-        "The new map is in use. 31 metres of road, 3 places, 1 loops."
-        " 2 weak stretches, the longest 5 metres, 12 metres from the beginning."
+        "The new map is in use. Road: 31 metres. Places: 3. Loops: 1."
+        " Weak stretches: 2. The longest: 5 metres, 12 metres from the beginning."
     )
     assert "5米" in told.text("zh")
 
@@ -382,3 +384,35 @@ def test_a_map_cannot_be_restored_where_none_was_kept(tmp_path: Path) -> None:
     keep_previous(tmp_path / "site")
     with pytest.raises(InputError, match="No earlier map"):
         restore_previous(tmp_path / "site")
+
+
+def test_a_device_that_ends_while_a_map_is_built_goes_on_with_it_at_the_next_start(
+    tmp_path: Path, frames: list[Frame]
+) -> None:
+    walk = new_walk(tmp_path / "map-walks", "2026-11-29")
+    recording = WalkRecording(
+        walk, head_camera(320, 240), Settings(), lambda told: None, beside=False, free_bytes=lambda folder: 1 << 40
+    )
+    for frame in frames:
+        recording.take(frame)
+    recording.finish()
+    under_way, arrived = threading.Event(), threading.Event()
+
+    def submit(order: Order) -> None:
+        if isinstance(order, PreparedMap):
+            arrived.set()
+        elif isinstance(order, MapWalkTold) and order.phrases[0].key == "map_building":
+            under_way.set()
+
+    plan = WalkPlan(tmp_path / "map-walks", tmp_path / "site")
+    walks = DeviceMapWalks(plan, head_camera(320, 240), make_localizer, submit)
+    walks.take_up(Settings())
+    assert under_way.wait(DEADLINE_S)
+    walks.close()
+    assert not arrived.is_set()
+    assert read_state(walk) == WalkState("recorded", "2026-11-29")
+    again = DeviceMapWalks(plan, head_camera(320, 240), make_localizer, submit)
+    again.take_up(Settings())
+    assert arrived.wait(DEADLINE_S)
+    again.close()
+    assert read_state(walk).stage == "built"

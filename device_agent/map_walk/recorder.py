@@ -86,7 +86,7 @@ class WalkRecording:
         self._looked_s = self._slow_told_s = float("-inf")
         self.dropped_count = 0
         """Frames that were not recorded since the disk was too slow."""
-        self.mark_count = 0
+        self._early_marks: list[str] = []
         self._threads = [
             threading.Thread(target=work, name=name, daemon=True)
             for name, work in (("map-walk-disk", self._write_all), ("map-walk-tracker", self._track_all))
@@ -108,6 +108,8 @@ class WalkRecording:
                 self._to_write.append(frame)
             self._to_track.append(frame)
             self._changed.notify_all()
+        while self._early_marks:
+            self.mark(self._early_marks.pop(0))
         if self.dropped_count:
             self._tell_slow(frame.stamp_s)
         if not self._threads:
@@ -115,10 +117,10 @@ class WalkRecording:
             self._write_waiting()
 
     def mark(self, name: str) -> None:
-        """Note that a place was named where the last frame was taken."""
+        """Note that a place was named where the last frame was taken; before the first one, where that will be."""
         if self._last_stamp_s is None:
+            self._early_marks.append(name)
             return
-        self.mark_count += 1
         with self._changed:
             self._to_write.append(Mark(self._last_stamp_s, "other", name))
             self._changed.notify_all()

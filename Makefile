@@ -35,6 +35,7 @@ bench: install ## measure speed, accuracy and memory (DATA: folder of the real r
 docs: install ## write the generated pages of docs/
 	@$(BIN)/vbr settings --markdown > docs/settings.md
 	@$(BIN)/vbr cues --markdown > docs/cues.md
+	@$(BIN)/vbr link --markdown > docs/link.md
 	@$(BIN)/vbr states --markdown > docs/states.md
 
 lock: install ## resolve the dependencies anew

@@ -1,27 +1,31 @@
 """``/device``: the console's end of the link to a device, and the map that devices fetch.
 
 A device is taken in by its token. Its events are stored before they are confirmed; it is given the graph, the map and
-the settings where it runs others. What it sends cannot be read: the link is closed with the reason, nothing else stops.
+the settings where it runs others. Where what it sends cannot be read, or comes more often than the message table says,
+the link is closed with the reason, and nothing else stops.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
+import itertools
 import logging
-from dataclasses import dataclass
 
-from fastapi import FastAPI, Request, Response, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
+from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
 from console.errors import ConflictError
 from console.hub import DeviceHub
+from console.outlet import Closing, SocketOutlet
 from console.services import Services
-from navcore.errors import WireError
+from navcore.errors import SiteError, VersionError, WireError
 from navcore.wire import (
+    MESSAGES,
+    PING_EVERY_S,
     PROTOCOL_VERSION,
     ApplySettings,
-    ConsoleMessage,
     DeviceMessage,
     Event,
     EventConfirmed,
@@ -33,19 +37,18 @@ from navcore.wire import (
     SettingsRunning,
     Welcome,
     decode_from_device,
+    decode_hello,
     encode,
 )
+from navcore.wire_pace import Allowance
 
 _log = logging.getLogger(__name__)
 HELLO_WITHIN_S = 10.0
-PING_EVERY_S = 2.0
 FIRST_PINGS_COUNT = 3
-FIRST_PING_EVERY_S = 0.2
-QUEUED_MAX_COUNT = 1000
+"""So many pings go as fast as the table allows: what a device shows is dated by the first answer."""
 EVENTS_SHOWN_COUNT = 50
 UNREADABLE_CODE = 1007
 REFUSED_CODE = 4403
-OVERFLOW_CODE = 4408
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -56,40 +59,11 @@ def add_routes(app: FastAPI, services: Services) -> None:
         await socket.accept()
         await _serve(socket, services, str(socket.state.device_name))
 
-    @app.get("/api/device/map/{checksum}", include_in_schema=False)
-    def device_map(request: Request, checksum: str) -> Response:
-        return Response(services.package.named(checksum), media_type="application/zip")
-
-
-@dataclass(frozen=True, slots=True)
-class _Close:
-    code: int
-    reason: str
-
-
-class SocketOutlet:
-    """The way to one device: a queue that any thread may fill, and that one task empties into the socket."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self._loop = loop
-        self.queue: asyncio.Queue[ConsoleMessage | _Close] = asyncio.Queue()
-
-    def send(self, message: ConsoleMessage) -> None:
-        """Queue a message."""
-        self._put(message)
-
-    def close(self, code: int, reason: str) -> None:
-        """End the link."""
-        self._put(_Close(code, reason))
-
-    def _put(self, item: ConsoleMessage | _Close) -> None:
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._put_in_loop, item)
-
-    def _put_in_loop(self, item: ConsoleMessage | _Close) -> None:
-        if self.queue.qsize() >= QUEUED_MAX_COUNT:
-            item = _Close(OVERFLOW_CODE, "The device takes nothing in.")
-        self.queue.put_nowait(item)
+    @app.get("/api/device/map/{sha256}", include_in_schema=False)
+    def device_map(sha256: str) -> Response:
+        # Ranges are answered, so that a download can go on where it was cut off.
+        packed = services.package.named(sha256)
+        return FileResponse(packed.file, media_type="application/zip", headers={"ETag": f'"{packed.sha256}"'})
 
 
 async def _serve(socket: WebSocket, services: Services, token_name: str) -> None:
@@ -98,26 +72,18 @@ async def _serve(socket: WebSocket, services: Services, token_name: str) -> None
         await run_in_threadpool(services.devices.take_in, hello.device_id, token_name)
     except (TimeoutError, WebSocketDisconnect):
         return
+    except (ConflictError, VersionError) as error:
+        await _close(socket, REFUSED_CODE, str(error))
+        return
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
-        return
-    except ConflictError as error:
-        await _close(socket, REFUSED_CODE, str(error))
         return
     await _run(socket, services, hello, token_name)
 
 
 async def _hello(socket: WebSocket) -> Hello:
     async with asyncio.timeout(HELLO_WITHIN_S):
-        message = decode_from_device(await _receive_bytes(socket))
-    if not isinstance(message, Hello):
-        raise WireError("The device did not begin with a hello: use the same version on both sides.")
-    if message.protocol_version != PROTOCOL_VERSION:
-        raise ConflictError(
-            f"The console speaks protocol {PROTOCOL_VERSION}, this device {message.protocol_version}: update the older"
-            " of the two."
-        )
-    return message
+        return decode_hello(await _receive_bytes(socket))
 
 
 async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str) -> None:
@@ -129,7 +95,7 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
     tasks = [
         asyncio.create_task(_send_all(socket, outlet)),
         asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet)),
-        asyncio.create_task(_ping(hub, outlet)),
+        asyncio.create_task(_ping(hub, hello.device_id, outlet)),
     ]
     try:
         await _bring_up_to_date(services, hello, outlet)
@@ -149,12 +115,19 @@ async def _bring_up_to_date(services: Services, hello: Hello, outlet: SocketOutl
     wanted = await run_in_threadpool(services.devices.wanted_revision, hello.device_id)
     if wanted is not None and wanted.revision > hello.settings_revision:
         outlet.send(ApplySettings(wanted.revision, dict(wanted.values)))
-    package = services.package
-    if hello.map_checksum != package.checksum:
-        size_bytes = len(await run_in_threadpool(package.content))
-        outlet.send(MapAvailable(package.path, package.checksum, size_bytes))
+    if hello.map_checksum != services.package.checksum:
+        await _offer_map(services, outlet)
     else:
         _offer_graph(services, hello.graph_version, outlet)
+
+
+async def _offer_map(services: Services, outlet: SocketOutlet) -> None:
+    try:
+        packed = await run_in_threadpool(services.package.packed)
+    except SiteError as error:
+        _log.warning("No map is offered: %s", error)
+        return
+    outlet.send(MapAvailable(packed.path, services.package.checksum, packed.size_bytes, packed.sha256))
 
 
 def _offer_graph(services: Services, running_version: int, outlet: SocketOutlet) -> None:
@@ -165,22 +138,40 @@ def _offer_graph(services: Services, running_version: int, outlet: SocketOutlet)
 async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:
     with contextlib.suppress(WebSocketDisconnect, RuntimeError):
         while True:
-            item = await outlet.queue.get()
-            if isinstance(item, _Close):
+            item = await outlet.next()
+            if isinstance(item, Closing):
                 await _close(socket, item.code, item.reason)
                 return
-            await socket.send_bytes(encode(item))
+            try:
+                data = encode(item)
+            except WireError as error:
+                # Offered again at each joining, it would keep the device from ever being joined.
+                _log.error("A message is not sent: %s", error)
+                continue
+            await socket.send_bytes(data)
 
 
 async def _receive_all(socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet) -> None:
+    allowances = {
+        kind: Allowance(row.rate_hz, services.hub.now_s()) for kind, row in MESSAGES.items() if row.rate_hz is not None
+    }
     try:
         while True:
-            await _take(services, device_id, decode_from_device(await _receive_bytes(socket)), outlet)
+            message = decode_from_device(await _receive_bytes(socket))
+            allowance = allowances.get(type(message))
+            if allowance is not None and not allowance.take(services.hub.now_s()):
+                raise WireError(_too_often(message))
+            await _take(services, device_id, message, outlet)
     except WebSocketDisconnect:
         return
     except WireError as error:
         _log.warning("The link of device %s is closed: %s", device_id, error)
         await _close(socket, UNREADABLE_CODE, str(error))
+
+
+def _too_often(message: DeviceMessage) -> str:
+    row = MESSAGES[type(message)]
+    return f"{row.name} comes more often than {row.rate_hz:g} times a second: update the device."
 
 
 async def _take(services: Services, device_id: str, message: DeviceMessage, outlet: SocketOutlet) -> None:
@@ -208,12 +199,14 @@ def _note_settings(services: Services, device_id: str, message: SettingsRunning)
     services.devices.note_answer(device_id, message.revision, "running", "")
 
 
-async def _ping(hub: DeviceHub, outlet: SocketOutlet) -> None:
-    count = 0
-    while True:
-        outlet.send(Ping(hub.now_s()))
-        count += 1
-        await asyncio.sleep(FIRST_PING_EVERY_S if count < FIRST_PINGS_COUNT else PING_EVERY_S)
+async def _ping(hub: DeviceHub, device_id: str, outlet: SocketOutlet) -> None:
+    rate_hz = MESSAGES[Ping].rate_hz
+    assert rate_hz is not None
+    for count in itertools.count(1):
+        known = hub.device(device_id)
+        offset_s = None if known.clock_uncertainty_s is None else known.clock_offset_s
+        outlet.send(Ping(hub.now_s(), offset_s, known.clock_uncertainty_s))
+        await asyncio.sleep(1.0 / rate_hz if count < FIRST_PINGS_COUNT else PING_EVERY_S)
 
 
 async def _receive_bytes(socket: WebSocket) -> bytes:

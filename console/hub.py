@@ -245,11 +245,17 @@ class DeviceHub:
             case GraphRunning():
                 return replace(device, graph_version=message.version, graph_refusal=message.refusal)
             case MapRunning():
-                return replace(device, map_checksum=message.map_checksum, map_refusal=message.refusal)
+                return replace(
+                    device, map_checksum=message.map_checksum, map_refusal=message.refusal,
+                    map_waiting=message.waiting_checksum,
+                )  # fmt: skip
             case Pong():
                 clock = self._clocks[device.device_id]
-                clock.add(message.console_now_s, message.device_now_s, now_s)
-                return replace(device, clock_offset_s=clock.offset_s, round_trip_s=clock.round_trip_s)
+                clock.add(message.console_sent_s, message.device_received_s, message.device_sent_s, now_s)
+                return replace(
+                    device, clock_offset_s=clock.offset_s, clock_uncertainty_s=clock.uncertainty_s,
+                    round_trip_s=clock.round_trip_s,
+                )  # fmt: skip
             case Hello():
                 return replace(device, hello=message)
 

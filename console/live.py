@@ -66,6 +66,8 @@ class LiveDevice:
     """Monotonic time of the last connecting (console clock)."""
     clock_offset_s: float
     """Device clock minus the console's monotonic clock."""
+    clock_uncertainty_s: float | None = None
+    """The true offset is no farther than this from ``clock_offset_s``; None where it has not been measured yet."""
     round_trip_s: float | None = None
     state: WalkerState | None = None
     state_arrival_s: float | None = None
@@ -81,6 +83,8 @@ class LiveDevice:
     graph_refusal: str = ""
     map_checksum: str = ""
     map_refusal: str = ""
+    map_waiting: str = ""
+    """Checksum of a newer map that the device holds, and takes as soon as nobody is led; empty where none waits."""
     commands: tuple[Command, ...] = field(default=())
     """The latest, oldest first."""
 
@@ -88,10 +92,16 @@ class LiveDevice:
         """Seconds since the frame behind ``state`` was captured; ``now_s`` is the console's monotonic clock."""
         return None if self.state is None else self.age_of(self.state.stamp_s, now_s)
 
+    def longest_age_s(self, now_s: float) -> float | None:
+        """The most that :meth:`age_s` may be in truth, as well as the clocks have been compared."""
+        age_s = self.age_s(now_s)
+        return None if age_s is None else age_s + (self.clock_uncertainty_s or 0.0)
+
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""
         return max(0.0, now_s - (stamp_s - self.clock_offset_s))
 
     def freshness(self, now_s: float) -> Freshness:
-        """How fresh ``state`` is."""
-        return freshness(self.age_s(now_s), self.connected)
+        """How fresh ``state`` is, at the oldest that it may be; never LIVE while the clocks have not been compared."""
+        found = freshness(self.longest_age_s(now_s), self.connected)
+        return Freshness.DELAYED if found is Freshness.LIVE and self.clock_uncertainty_s is None else found

@@ -29,6 +29,7 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
         "freshness": device.freshness(now_s).value,
         "age_s": device.age_s(now_s),
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
+        "age_uncertainty_s": device.clock_uncertainty_s,
         "state": _state_view(device, now_s),
         "route": _route_view(device),
         "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
@@ -43,6 +44,7 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
         "graph_refusal": device.graph_refusal,
         "map_checksum": device.map_checksum,
         "map_refusal": device.map_refusal,
+        "map_waiting": device.map_waiting,
     }
 
 

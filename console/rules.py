@@ -83,5 +83,5 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/audit"): ADMINS,
     # Devices themselves.
     ("WS", "/device"): DEVICES,
-    ("GET", "/api/device/map/{checksum}"): DEVICES,
+    ("GET", "/api/device/map/{sha256}"): DEVICES,
 }

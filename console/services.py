@@ -39,7 +39,7 @@ class Services:
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
     """Put the parts together: sessions that end close their sockets, what is published reaches the devices."""
     sockets, views = SessionSockets(), ViewRequests()
-    package = MapPackage(config.site_folder)
+    package = MapPackage(config.site_folder, config.data_folder / "package")
 
     def session_ended(session_id: str) -> None:
         sockets.close(session_id)

@@ -11,6 +11,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
@@ -110,6 +111,8 @@ class DeviceAgent:
         self._quality = ""
         self._maps = False
         self._buttons_gone = False
+        self._disk = ThreadPoolExecutor(1, "disk")
+        """Writes what must not hold up whoever is being led."""
         self._version = metadata.version("virtual-blind-road")
         self.watchdog = Watchdog(
             parts.clock,
@@ -179,6 +182,7 @@ class DeviceAgent:
             if self.state.on_the_way:
                 # Whoever still walks hears that nobody leads them any more.
                 self.watchdog.fault("The loop has ended.")
+            self.settle()
 
     def run_cycle(self) -> Cycle:
         """Run once from the sensors to the cues; whatever is raised on the way becomes *Stop*, never the end."""
@@ -289,7 +293,7 @@ class DeviceAgent:
             case StoreSettings():
                 self._localizer.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)
-                self._keep(lambda store: store.save_settings(effect.settings, effect.revision))
+                self._disk.submit(self._keep, lambda store: store.save_settings(effect.settings, effect.revision))
             case _:
                 self._parts.uplink.message(effect)
 
@@ -301,7 +305,11 @@ class DeviceAgent:
         except (OSError, SiteError) as error:
             text = f"What runs now could not be kept for the next start ({error}): free the disk."
             _log.warning("%s", text)
-            self._parts.uplink.event(self._clock.now_s(), "mode", text)
+            self._parts.uplink.event(self._parts.clock.now_s(), "mode", text)
+
+    def settle(self) -> None:
+        """Return when all that is to be kept is on the disk."""
+        self._disk.submit(lambda: None).result()
 
     def _report(self, cycle: Cycle) -> None:
         """Leave with the uplink what the console shows, and what must not be lost."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+import zlib
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
@@ -35,7 +36,7 @@ from navcore.modes import Mode
 from navcore.obstacle.scan import scan
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
-from navcore.site import Site, load_site, map_checksum
+from navcore.site import Site, map_checksum
 from navcore.site_files import MANIFEST
 from navcore.types import Frame
 
@@ -46,9 +47,9 @@ _LONGEST_STEP_CYCLES = 1.5
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
     use_one_core()
-    site = _site(options)
-    goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
     store = DeviceStore(options.state, options.site)
+    site = _site(options, store)
+    goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
     store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
@@ -85,11 +86,11 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
 
 
-def _site(options: DeviceOptions) -> Site | None:
+def _site(options: DeviceOptions, store: DeviceStore) -> Site | None:
     """Return the map to walk in; None where there is none and one is to be recorded. Raises SiteError, InputError."""
     recover(options.site)
     if not options.without_map or (options.site / MANIFEST).exists():
-        return load_site(options.site)
+        return store.load_map()
     if options.to:
         raise InputError("Nobody can be led where there is no map yet: leave --to out, and record a map walk first.")
     return None
@@ -142,7 +143,13 @@ def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: Exi
     if journal.damaged is not None:
         text = f"The event journal was damaged and is kept as {journal.damaged.name}: events in it may be untold."
         journal.append(clock.now_s(), "link", text)
-    settings = LinkSettings(options.console_url, options.token, staging_folder(options.site), options.tls)
+    if store.went_back:
+        journal.append(clock.now_s(), "link", store.went_back)
+    settings = LinkSettings(
+        options.console_url, options.token, staging_folder(options.site), options.tls,
+        seed=zlib.crc32(options.device_id.encode()),
+    )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
+    link.on_link_state = store.save_link_state
     stack.callback(link.stop)
     return link

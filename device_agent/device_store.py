@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
-import shutil
 from pathlib import Path
 
+import msgspec
+
+from device_agent.link_state import LinkState
 from navcore.errors import InputError, SettingError, SiteError
-from navcore.folder_swap import recover, swap_in
+from navcore.folder_swap import keep_aside, swap_in, sync_tree
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
-from navcore.site import save_poi_graph
+from navcore.site import Site, load_site, save_poi_graph
 
 _log = logging.getLogger(__name__)
 
@@ -22,36 +25,15 @@ def previous_site(site_folder: Path) -> Path:
     return site_folder.with_name(f".{site_folder.name}-previous")
 
 
-def keep_previous(site_folder: Path) -> None:
-    """Keep the present site, before another one takes its place. Raises OSError."""
-    if not site_folder.is_dir():
-        return
-    fresh = site_folder.with_name(f".{site_folder.name}-kept")
-    shutil.rmtree(fresh, ignore_errors=True)
-    # Files of a site are replaced, never changed: both folders may share them.
-    shutil.copytree(site_folder, fresh, copy_function=_link_or_copy)
-    swap_in(fresh, previous_site(site_folder))
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:
-        # Not every disk knows links.
-        shutil.copy2(source, target)
-
-
 def restore_previous(site_folder: Path) -> None:
-    """Let present and previous site change places. Raises InputError where there is none, and OSError."""
-    previous = previous_site(site_folder)
-    recover(previous)
-    if not previous.is_dir():
-        raise InputError(f"No earlier map of {site_folder} is kept: build it again from its recording.")
-    staging = site_folder.with_name(f".{site_folder.name}-restored")
-    shutil.rmtree(staging, ignore_errors=True)
-    shutil.copytree(previous, staging, copy_function=_link_or_copy)
-    keep_previous(site_folder)
-    swap_in(staging, site_folder)
+    """Let present and previous map change places. Raises InputError where there is none, and OSError."""
+    previous, moved = previous_site(site_folder), site_folder.with_name(f".{site_folder.name}-restored")
+    if not moved.is_dir():
+        if not previous.is_dir():
+            raise InputError(f"No earlier map of {site_folder} is kept: build it again from its recording.")
+        os.replace(previous, moved)
+    # Where this was broken off before, it goes on from here.
+    swap_in(moved, site_folder, keep=previous)
 
 
 class DeviceStore:
@@ -60,6 +42,8 @@ class DeviceStore:
     def __init__(self, state_folder: Path, site_folder: Path) -> None:
         self.state_folder = state_folder
         self.site_folder = site_folder
+        self.went_back = ""
+        """Why the map before the last one runs, as a sentence; empty while the last one does."""
 
     def prepare(self) -> None:
         """Make the device's own folder. Raises InputError where that cannot be."""
@@ -105,9 +89,45 @@ class DeviceStore:
         """Keep the PoI-graph in the site. Raises OSError."""
         save_poi_graph(graph, self.site_folder)
 
+    def save_link_state(self, state: LinkState) -> None:
+        """Leave how the link stands for whoever looks after the device. Raises OSError."""
+        fresh = self.link_state_path.with_suffix(".new")
+        fresh.write_bytes(msgspec.json.format(msgspec.json.encode(state), indent=1))
+        os.replace(fresh, self.link_state_path)
+
+    @property
+    def link_state_path(self) -> Path:
+        """How the link stands (:class:`~device_agent.link_state.LinkState`), as JSON."""
+        return self.state_folder / "link.json"
+
+    @property
+    def previous_map(self) -> Path:
+        """Where the map before the present one is kept."""
+        return previous_site(self.site_folder)
+
     def swap_map(self, staging: Path) -> None:
-        """Move a staged site into place. Raises OSError or SiteError, and the old site stays then."""
+        """Move a staged site into place, and keep the one before. Raises OSError or SiteError; the old one stays then.
+
+        Whoever is killed in between finds the old one or the new one, whole, at the next start.
+        """
         if not staging.is_dir():
             raise SiteError(f"The new map is no longer at {staging}: publish it again.")
-        keep_previous(self.site_folder)
-        swap_in(staging, self.site_folder)
+        sync_tree(staging)
+        swap_in(staging, self.site_folder, keep=self.previous_map)
+
+    def load_map(self) -> Site:
+        """Read the map; the one before where it is damaged. Raises SiteError where neither can be read."""
+        keep_aside(self.site_folder, self.previous_map)
+        try:
+            return load_site(self.site_folder)
+        except SiteError as error:
+            with contextlib.suppress(SiteError, OSError):
+                return self._gone_back(error)
+            raise
+
+    def _gone_back(self, error: SiteError) -> Site:
+        site = load_site(self.previous_map)
+        swap_in(self.previous_map, self.site_folder, keep=self.site_folder.with_name(f".{self.site_folder.name}-bad"))
+        self.went_back = f"The map could not be read ({error}): the one before it runs until a new one has come."[:500]
+        _log.warning("%s", self.went_back)
+        return site

@@ -17,7 +17,7 @@ from pathlib import Path
 
 from device_agent.ports import EventKind
 from navcore.errors import InputError
-from navcore.wire import Event
+from navcore.wire import MAX_STAMP_S, Event
 
 MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000
@@ -31,25 +31,39 @@ CREATE TABLE IF NOT EXISTS issued (
     only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL
 ) STRICT;
 INSERT OR IGNORE INTO issued VALUES (1, 0);
+CREATE TABLE IF NOT EXISTS gap (
+    only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL, missing_count INTEGER NOT NULL
+) STRICT;
+INSERT OR IGNORE INTO gap VALUES (1, 0, 0);
 """
-_Work = tuple[float, EventKind, str] | Callable[[], None] | None
+"""``gap`` is the event that stands for those that were too many, and how many they are."""
+
+_Occurrence = tuple[float, EventKind, str]
+_Work = _Occurrence | Callable[[], None] | None
 
 
 class EventJournal:
     """Takes events from any thread; gives those that are not confirmed yet, in order."""
 
-    def __init__(self, path: Path, on_stored: Callable[[], None] = lambda: None) -> None:
+    def __init__(
+        self, path: Path, on_stored: Callable[[], None] = lambda: None, max_count: int = MAX_EVENTS_ON_DISK
+    ) -> None:
         """Open or make the journal; a damaged one is put aside, for nobody is to wait at home for a repair.
 
-        Raises InputError where the file cannot be written.
+        Of more than ``max_count`` events the oldest give way to one that says how many are missing. Raises InputError
+        where the file cannot be written.
         """
+        self._max_count = max_count
         self.on_stored = on_stored
         """Called, in the journal's thread, when new events are safe on disk."""
         self.damaged: Path | None
         """Where a damaged journal was put on opening; None where it was sound."""
         self._lock = threading.Lock()
         self._work: queue.Queue[_Work] = queue.Queue(MAX_EVENTS_IN_MEMORY)
+        self._counting = threading.Lock()
         self._missed = 0
+        self._unstored: list[_Occurrence] = []
+        """What the disk did not take when it was its turn: tried again with what comes next."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             self._base, self.damaged = _opened(path)
@@ -61,11 +75,11 @@ class EventJournal:
         self._thread.start()
 
     def append(self, stamp_s: float, kind: EventKind, text: str) -> None:
-        """Hand over an event; returns at once. Where the disk is far behind, the event is counted as missed."""
+        """Hand over an event; returns at once. Where the disk is very far behind, it is counted as missed."""
         try:
-            self._work.put_nowait((stamp_s, kind, _storable(text)))
+            self._work.put_nowait((_storable_stamp_s(stamp_s), kind, _storable(text)))
         except queue.Full:
-            self._missed += 1
+            self._count_missed(1)
 
     def flush(self) -> None:
         """Return when everything that was handed over before is on disk."""
@@ -102,6 +116,7 @@ class EventJournal:
             self._base.execute("UPDATE event SET sequence = -(sequence + ?)", (last_stored,))
             self._base.execute("UPDATE event SET sequence = -sequence")
             self._base.execute("UPDATE issued SET sequence = ?", (issued + last_stored,))
+            self._base.execute("UPDATE gap SET sequence = sequence + ?", (last_stored,))
 
     def close(self) -> None:
         """Write what was handed over, and close the file."""
@@ -124,28 +139,54 @@ class EventJournal:
             if None in batch:
                 return
 
-    def _store(self, events: list[tuple[float, EventKind, str]]) -> None:
+    def _store(self, events: list[_Occurrence]) -> None:
+        events = [*self._unstored, *events]
         if not events:
             return
-        missed, self._missed = self._missed, 0
-        if missed:
-            events.append((events[-1][0], "link", f"{missed} events were too many for the disk and are missing."))
+        missed = self._missed
+        text = f"{missed} events were too many for the disk and are missing."
+        told: list[_Occurrence] = [(events[-1][0], "link", text)] if missed else []
         try:
             with self._lock, self._transaction():
-                self._insert(events)
-            self.on_stored()
-        except Exception:
-            # Neither a full disk nor a text that cannot be stored may end the thread: guidance goes on, the gap is
-            # reported when there is room again.
-            self._missed += len(events)
-            _log.exception("events could not be stored")
+                self._insert([*events, *told])
+        except Exception as error:
+            # A disk that is full, or fails, may not end the thread: guidance goes on, and there may be room again.
+            if not self._unstored:
+                _log.error("events wait in memory, for they could not be stored (%s): free the disk", error)
+            self._count_missed(max(0, len(events) - MAX_EVENTS_IN_MEMORY))
+            self._unstored = events[:MAX_EVENTS_IN_MEMORY]
+            return
+        self._count_missed(-missed)
+        self._unstored = []
+        self.on_stored()
 
-    def _insert(self, events: list[tuple[float, EventKind, str]]) -> None:
+    def _count_missed(self, count: int) -> None:
+        with self._counting:
+            self._missed += count
+
+    def _insert(self, events: list[_Occurrence]) -> None:
         first = self._issued() + 1
         rows = [(first + index, *event) for index, event in enumerate(events)]
         self._base.executemany("INSERT INTO event VALUES (?, ?, ?, ?)", rows)
         self._base.execute("UPDATE issued SET sequence = ?", (rows[-1][0],))
-        self._base.execute("DELETE FROM event WHERE sequence <= ?", (rows[-1][0] - MAX_EVENTS_ON_DISK,))
+        self._make_room(rows[-1][0] - self._max_count)
+
+    def _make_room(self, last_going: int) -> None:
+        """Let one event stand for all up to this number."""
+        (count, stamp_s) = self._base.execute(
+            "SELECT COUNT(*), MAX(stamp_s) FROM event WHERE sequence <= ?", (last_going,)
+        ).fetchone()
+        if not count:
+            return
+        # An earlier gap that is still untold goes up in this one; one that was told counts no more.
+        (earlier, itself) = self._base.execute(
+            "SELECT COALESCE(SUM(missing_count), 0), COUNT(*) FROM gap JOIN event USING (sequence)"
+        ).fetchone()
+        missing_count = count + earlier - itself
+        text = f"{missing_count} events waited too long for the console and are missing here."
+        self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_going,))
+        self._base.execute("INSERT INTO event VALUES (?, ?, 'link', ?)", (last_going, stamp_s, text))
+        self._base.execute("UPDATE gap SET sequence = ?, missing_count = ?", (last_going, missing_count))
 
     def _issued(self) -> int:
         return int(self._base.execute("SELECT sequence FROM issued").fetchone()[0])
@@ -195,6 +236,11 @@ def _connected(path: Path) -> sqlite3.Connection:
         base.close()
         raise
     return base
+
+
+def _storable_stamp_s(stamp_s: float) -> float:
+    """Return a time that the wire takes: one event that no console can read would hold up all that follow."""
+    return stamp_s if abs(stamp_s) <= MAX_STAMP_S else 0.0
 
 
 def _storable(text: str) -> str:

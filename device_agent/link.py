@@ -2,7 +2,7 @@
 
 Everything happens in a thread of its own with its own event loop; guidance hands over to the outbox and the journal and
 never waits. When the connection breaks, the link joins again by itself, with growing, jittered pauses, and sends what
-was missed. Message table: :mod:`navcore.wire`.
+was missed. What goes first, and how often, is in the message table: :data:`navcore.wire.MESSAGES`.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import asyncio
 import contextlib
 import logging
 import threading
+from collections.abc import Awaitable, Callable
 
 import msgspec
 import numpy as np
@@ -19,40 +20,50 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 
 from device_agent.journal import EventJournal
 from device_agent.link_settings import LinkedDevice, LinkRefusedError, LinkSettings
-from device_agent.map_download import fetch_map
+from device_agent.link_state import LinkCondition, LinkState
+from device_agent.map_intake import MapIntake
 from device_agent.outbox import Outbox
 from device_agent.ports import Clock, EventKind, KeptMessage
 from device_agent.silhouette import silhouette_jpeg
-from navcore.errors import VbrError, WireError
+from navcore.errors import VbrError, VersionError, WireError
 from navcore.types import Frame
 from navcore.wire import (
     MAX_MESSAGE_BYTES,
-    PROTOCOL_VERSION,
+    MESSAGES,
     ConsoleMessage,
     DepthImage,
     DeviceMessage,
     EventConfirmed,
     MapAvailable,
-    MapRunning,
     Ping,
     Pong,
     WalkerState,
     Welcome,
     decode_from_console,
+    decode_welcome,
     encode,
 )
+from navcore.wire_row import Delivery
 
 _log = logging.getLogger(__name__)
 _STEADY_AFTER_S = 5.0
 _LEAST_WAIT_S = 0.02
 _REFUSED_STATUS = (401, 403)
 _REFUSED_CODES = (1008, 4401, 4403)
+_UNREADABLE_CODE = 1007
 
 
 class ConsoleLink:
     """The device's end of the link; an :class:`~device_agent.ports.Uplink`."""
 
-    def __init__(self, settings: LinkSettings, journal: EventJournal, clock: Clock) -> None:
+    def __init__(
+        self,
+        settings: LinkSettings,
+        journal: EventJournal,
+        clock: Clock,
+        wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
+    ) -> None:
+        """``wait`` lets the seconds between two attempts pass."""
         self._settings = settings
         self._device: LinkedDevice
         self._journal = journal
@@ -63,8 +74,11 @@ class ConsoleLink:
         self._rng = np.random.default_rng(settings.seed)
         self._stopping = False
         self._refusal = ""
-        self._download: asyncio.Task[None] | None = None
-        self._fetching = ""
+        self._wait = wait
+        self.link_state = LinkState()
+        """Replaced as a whole: any thread may read it."""
+        self.on_link_state: Callable[[LinkState], None] = lambda state: None
+        """Called in the link's thread when the link stands otherwise, or the clocks' offset is another."""
         self._loop = asyncio.new_event_loop()
         self._something_to_send = asyncio.Event()
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
@@ -90,6 +104,7 @@ class ConsoleLink:
     def start(self, device: LinkedDevice) -> None:
         """Begin to dial for a device, in a thread of its own."""
         self._device = device
+        self._maps = MapIntake(self._settings, device, self.message, self._pause_s, self._wait)
         self._thread.start()
 
     def stop(self) -> None:
@@ -113,6 +128,7 @@ class ConsoleLink:
             self._loop.run_until_complete(self._stay_joined())
         self._loop.run_until_complete(self._loop.shutdown_default_executor())
         self._loop.close()
+        self._stands(LinkCondition.STOPPED)
 
     def _wake(self) -> None:
         # The loop is closed once the link has been stopped; what comes after that waits in the journal.
@@ -127,13 +143,43 @@ class ConsoleLink:
     async def _stay_joined(self) -> None:
         failures = 0
         while not self._stopping:
-            began_s = self._loop.time()
+            began_s = self._clock.now_s()
+            self._stands(LinkCondition.DIALLING, failure_count=failures, reason=self.link_state.reason)
             reason = await self._session_until_it_breaks()
-            lasted_s = self._loop.time() - began_s
+            lasted_s = self._clock.now_s() - began_s
             failures = 1 if lasted_s > _STEADY_AFTER_S else failures + 1
-            refused = isinstance(reason, LinkRefusedError)
             self._tell_of(reason, lasted_s)
-            await asyncio.sleep(self._settings.refused_pause_s if refused else self._pause_s(failures))
+            await self._pause_after(reason, failures)
+
+    async def _pause_after(self, reason: Exception, failures: int) -> None:
+        refused = isinstance(reason, LinkRefusedError)
+        pause_s = self._settings.refused_pause_s if refused else self._pause_s(failures)
+        condition = LinkCondition.REFUSED if refused else LinkCondition.WAITING
+        self._stands(condition, reason=str(reason)[:500], failure_count=failures, pause_s=pause_s)
+        await self._wait(pause_s)
+
+    def _stands(
+        self, condition: LinkCondition, *, reason: str = "", failure_count: int = 0, pause_s: float = 0.0
+    ) -> None:
+        before = self.link_state
+        self._show(
+            LinkState(
+                condition,
+                self._clock.now_s(),
+                reason,
+                failure_count,
+                pause_s,
+                before.clock_offset_s,
+                before.clock_uncertainty_s,
+            )
+        )
+
+    def _show(self, state: LinkState) -> None:
+        self.link_state = state
+        try:
+            self.on_link_state(state)
+        except Exception:
+            _log.exception("how the link stands could not be told")
 
     def _pause_s(self, failures: int) -> float:
         """Return a pause that doubles with each failure, and is somewhere in its upper half."""
@@ -153,6 +199,8 @@ class ConsoleLink:
             if error.rcvd is not None and error.rcvd.code in _REFUSED_CODES:
                 return LinkRefusedError(f"The console refuses this device: {error.rcvd.reason or 'no reason given'}.")
             return error
+        except VersionError as error:
+            return LinkRefusedError(str(error))
         except (OSError, WebSocketException, VbrError) as error:
             return error
         except Exception as error:
@@ -197,62 +245,91 @@ class ConsoleLink:
     async def _join(self, socket: ClientConnection) -> None:
         hello = msgspec.structs.replace(self._device.hello(), now_s=self._clock.now_s())
         await socket.send(encode(hello))
-        async with asyncio.timeout(self._settings.answer_timeout_s):
-            welcome = decode_from_console(_binary(await socket.recv()))
-        if not isinstance(welcome, Welcome):
-            raise WireError("The console did not begin with a welcome: use the same version on both sides.")
-        if welcome.protocol_version != PROTOCOL_VERSION:
-            raise LinkRefusedError(
-                f"The console speaks protocol {welcome.protocol_version}, this device {PROTOCOL_VERSION}:"
-                " update the older of the two."
-            )
+        welcome = await self._welcome(socket)
         await asyncio.to_thread(self._journal.agree, welcome.last_event_sequence)
         self._refusal = ""
         self._outbox.joined()
         self._events_stored = True
+        self._stands(LinkCondition.JOINED)
         self.event(self._clock.now_s(), "link", "Joined the console.")
+
+    async def _welcome(self, socket: ClientConnection) -> Welcome:
+        try:
+            async with asyncio.timeout(self._settings.answer_timeout_s):
+                return decode_welcome(_binary(await socket.recv()))
+        except ConnectionClosed as error:
+            if error.rcvd is not None and error.rcvd.code == _UNREADABLE_CODE:
+                # So answers a console whose hello has another form.
+                raise VersionError(
+                    "The console cannot read this device's hello: update the older of the two"
+                    f" ({error.rcvd.reason or 'no reason given'})."
+                ) from error
+            raise
 
     # ---------------------------------------------------------------------------------------------- sending
     async def _send_all(self, socket: ClientConnection) -> None:
         sent_sequence = 0
         while True:
             self._something_to_send.clear()
-            await self._send_kept(socket)
-            sent_sequence = await self._send_events(socket, sent_sequence)
-            await self._send_newest(socket)
-            wait_s = self._outbox.wait_s(self._loop.time())
-            if wait_s is not None:
-                # A picture that is due waits for a slow network; asking without a pause would starve guidance.
-                wait_s = max(wait_s, _LEAST_WAIT_S)
-            with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(self._something_to_send.wait(), wait_s)
+            for delivery in _SENDING_ORDER:
+                match delivery:
+                    case Delivery.KEPT:
+                        await self._send_kept(socket)
+                    case Delivery.CONFIRMED:
+                        sent_sequence = await self._send_events(socket, sent_sequence)
+                    case Delivery.NEWEST:
+                        await self._send_state(socket)
+                    case _:
+                        await self._send_image(socket)
+            if not self._events_stored:
+                await self._until_something_is_due()
+
+    async def _until_something_is_due(self) -> None:
+        wait_s = self._outbox.wait_s(self._loop.time())
+        if wait_s is not None:
+            # A picture that is due waits for a slow network; asking without a pause would starve guidance.
+            wait_s = max(wait_s, _LEAST_WAIT_S)
+        with contextlib.suppress(TimeoutError):
+            await asyncio.wait_for(self._something_to_send.wait(), wait_s)
 
     async def _send_kept(self, socket: ClientConnection) -> None:
         while (message := self._outbox.next_kept()) is not None:
             try:
-                await socket.send(encode(message))
+                data = encode(message)
+            except WireError as error:
+                # Sent again and again, it would keep everything else from the console.
+                _log.error("a message is not sent: %s", error)
+                continue
+            try:
+                await socket.send(data)
             except BaseException:
                 self._outbox.put_back(message)
                 raise
 
     async def _send_events(self, socket: ClientConnection, sent_sequence: int) -> int:
+        """Send some of the events that wait; after a long outage, the state goes in between."""
         if not self._events_stored:
             return sent_sequence
         self._events_stored = False
-        while events := await asyncio.to_thread(self._journal.pending, sent_sequence):
-            for event in events:
-                await socket.send(encode(event))
-                sent_sequence = event.sequence
+        events = await asyncio.to_thread(self._journal.pending, sent_sequence)
+        for event in events:
+            await socket.send(encode(event))
+            sent_sequence = event.sequence
+        if events:
+            self._events_stored = True
         return sent_sequence
 
-    async def _send_newest(self, socket: ClientConnection) -> None:
+    async def _send_state(self, socket: ClientConnection) -> None:
         state = self._outbox.next_state(self._loop.time())
         if state is not None:
             await socket.send(encode(state))
-        elif socket.transport.get_write_buffer_size() == 0:
-            frame = self._outbox.next_frame(self._loop.time())
-            if frame is not None:
-                await socket.send(encode(DepthImage(frame.stamp_s, silhouette_jpeg(frame.depth_m))))
+
+    async def _send_image(self, socket: ClientConnection) -> None:
+        if self._events_stored or socket.transport.get_write_buffer_size() > 0:
+            return
+        frame = self._outbox.next_frame(self._loop.time())
+        if frame is not None:
+            await socket.send(encode(DepthImage(frame.stamp_s, silhouette_jpeg(frame.depth_m))))
 
     # -------------------------------------------------------------------------------------------- receiving
     async def _receive_all(self, socket: ClientConnection) -> None:
@@ -269,38 +346,38 @@ class ConsoleLink:
     async def _take(self, message: ConsoleMessage) -> DeviceMessage | None:
         match message:
             case Ping():
-                return Pong(message.console_now_s, self._clock.now_s())
+                received_s = self._clock.now_s()
+                self._note_clocks(message)
+                return Pong(message.console_sent_s, received_s, self._clock.now_s())
             case EventConfirmed():
                 await asyncio.to_thread(self._journal.confirm, message.sequence)
             case MapAvailable():
-                return self._take_map(message)
+                return self._maps.take(message)
             case Welcome():
                 raise WireError("The console said welcome twice: use the same version on both sides.")
             case _:
                 self._device.submit(message)
         return None
 
-    def _take_map(self, offer: MapAvailable) -> MapRunning | None:
-        running = self._device.hello().map_checksum
-        if offer.map_checksum == running:
-            return MapRunning(running)
-        if self._download is not None and not self._download.done():
-            if offer.map_checksum == self._fetching:
-                return None
-            self._download.cancel()
-        self._fetching = offer.map_checksum
-        self._download = asyncio.create_task(self._fetch(offer))
-        return None
+    def _note_clocks(self, ping: Ping) -> None:
+        before_s, offset_s, uncertainty_s = self.link_state.clock_offset_s, ping.offset_s, ping.uncertainty_s
+        if offset_s is None or uncertainty_s is None:
+            return
+        state = msgspec.structs.replace(self.link_state, clock_offset_s=offset_s, clock_uncertainty_s=uncertainty_s)
+        if before_s is None or abs(offset_s - before_s) > uncertainty_s:
+            self._show(state)
+        else:
+            self.link_state = state
 
-    async def _fetch(self, offer: MapAvailable) -> None:
-        settings = self._settings
-        try:
-            await fetch_map(offer, settings.url, settings.token, settings.staging, settings.tls)
-            await asyncio.to_thread(self._device.map_arrived, settings.staging, offer.map_checksum)
-        except Exception as error:
-            # Whatever is wrong with it, the console is told, and the old map runs on.
-            _log.warning("the offered map is not taken: %s", error)
-            self.message(MapRunning(self._device.hello().map_checksum, str(error)[:500]))
+
+_SENDING_ORDER = tuple(
+    dict.fromkeys(
+        row.delivery
+        for row in sorted(MESSAGES.values(), key=lambda row: row.priority)
+        if row.delivery in (Delivery.KEPT, Delivery.CONFIRMED, Delivery.NEWEST, Delivery.SPARE)
+    )
+)
+"""What is sent first, by the table's priorities."""
 
 
 async def _ended(*tasks: asyncio.Task[None]) -> None:

@@ -39,7 +39,7 @@ class LinkSettings:
     """ws(s)://host:port; the path ``/device`` is added."""
     token: str = field(repr=False)
     staging: Path
-    """Folder for a map that is being fetched."""
+    """Folder in which maps are fetched, and wait until nobody is being led."""
     tls: ssl.SSLContext | None = None
     first_pause_s: float = 0.5
     longest_pause_s: float = 30.0
@@ -47,3 +47,4 @@ class LinkSettings:
     answer_timeout_s: float = 10.0
     """How long the console may take to welcome, and to answer a ping."""
     seed: int = 0
+    """Of the jitter of the pauses: another one for each device, lest all come back in the same instant."""

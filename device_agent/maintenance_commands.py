@@ -1,4 +1,4 @@
-"""``vbr settings``, ``vbr cues``, ``vbr states`` and ``vbr warm-up``."""
+"""``vbr settings``, ``vbr cues``, ``vbr link``, ``vbr states`` and ``vbr warm-up``."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import asdict
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    """Add ``vbr settings``, ``vbr cues``, ``vbr states`` and ``vbr warm-up``."""
+    """Add ``vbr settings``, ``vbr cues``, ``vbr link``, ``vbr states`` and ``vbr warm-up``."""
     settings = subparsers.add_parser("settings", help="list every setting: value, unit, range, meaning, source")
     settings.add_argument("--json", action="store_true", help="as JSON")
     settings.add_argument("--markdown", action="store_true", help="as the page of the docs")
@@ -17,6 +17,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     cues = subparsers.add_parser("cues", help="list everything that the walker can hear and see")
     cues.add_argument("--markdown", action="store_true", help="as the page of the docs")
     cues.set_defaults(run=_list_cues)
+    link = subparsers.add_parser("link", help="list every message between device and console, and how it is sent")
+    link.add_argument("--markdown", action="store_true", help="as the page of the docs")
+    link.set_defaults(run=_list_messages)
     states = subparsers.add_parser("states", help="list the states of the device, and what the buttons mean in each")
     states.add_argument("--markdown", action="store_true", help="as the page of the docs")
     states.set_defaults(run=_list_states)
@@ -59,6 +62,32 @@ def _print_cues() -> None:
     for kind, entry in sorted(CUE_TABLE.items(), key=lambda item: -item[1].priority):
         priority = entry.priority.name.lower().replace("_", " ")
         table.add_row(kind.value, priority, entry.verbosity, entry.meaning, entry.sound, entry.picture)
+    Console(width=None if sys.stdout.isatty() else 160).print(table)
+
+
+def _list_messages(arguments: argparse.Namespace) -> int:
+    if arguments.markdown:
+        from navcore.wire_page import link_markdown
+
+        sys.stdout.write(link_markdown())
+    else:
+        _print_messages()
+    return 0
+
+
+def _print_messages() -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from navcore.wire import MESSAGES
+
+    table = Table("message", "goes", "sent", "priority", "on a slow link", "at most", "says")
+    for row in MESSAGES.values():
+        rate = f", ≤ {row.rate_hz:g} Hz" if row.rate_hz is not None else ""
+        table.add_row(
+            row.name, row.direction.value, row.when + rate, str(row.priority), row.delivery.name.lower(),
+            f"{row.max_bytes >> 10} KiB", row.meaning,
+        )  # fmt: skip
     Console(width=None if sys.stdout.isatty() else 160).print(table)
 
 

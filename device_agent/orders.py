@@ -25,7 +25,6 @@ from device_agent.states import StateEvent
 from device_agent.transitions import By, happen
 from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
-from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
@@ -80,14 +79,15 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkT
         case MapWalkTold():
             return _told(state, order, now_s)
         case PreparedMap():
-            return replace(state, waiting_map=order), ()
+            told = (MapRunning(state.map_checksum, waiting_checksum=order.checksum),) if state.uses_its_map else ()
+            return replace(state, waiting_map=order), told
         case _:
             return state, ()
 
 
 def at_rest(state: DeviceState) -> Step:
     """Take what waited for a stop: the map first, then the PoI-graph. Nothing while somebody is led, or maps."""
-    if state.leading or state.purpose is Mode.MAPPING:
+    if state.uses_its_map:
         return state, ()
     effects: list[Effect] = []
     if state.waiting_map is not None:

@@ -1,7 +1,7 @@
 """What waits to be sent to the console, and in which order it goes.
 
-Answers and routes first, in order; then the newest state; then the newest depth image, only when nothing else waits.
-Nothing here grows without bound, and no method waits.
+What is kept goes in order; of states and depth images the newest is sent, as often as the message table allows
+(:data:`navcore.wire.MESSAGES`). Nothing here grows without bound, and no method waits.
 """
 
 from __future__ import annotations
@@ -12,25 +12,17 @@ from collections.abc import Callable
 
 from device_agent.ports import KeptMessage
 from navcore.types import Frame
-from navcore.wire import WalkerState
+from navcore.wire import MESSAGES, DepthImage, WalkerState
+from navcore.wire_pace import Pace
 
 MAX_KEPT = 256
+"""More than these are not kept while there is no link: the newest of each kind is told at the joining in any case."""
 
 
-class Pace:
-    """Allows something so often on average, and no faster than twice that for a moment."""
-
-    def __init__(self, rate_hz: float) -> None:
-        self._period_s = 1.0 / rate_hz
-        self._due_s = -1e9
-
-    def wait_s(self, now_s: float) -> float:
-        """Return how long it is until the next one is due; 0 or less when it is."""
-        return self._due_s - now_s
-
-    def went(self, now_s: float) -> None:
-        """Take note that one went."""
-        self._due_s = max(self._due_s, now_s - 0.5 * self._period_s) + self._period_s
+def _pace_of(message: type[WalkerState] | type[DepthImage]) -> Pace:
+    rate_hz = MESSAGES[message].rate_hz
+    assert rate_hz is not None
+    return Pace(rate_hz)
 
 
 class Outbox:
@@ -44,7 +36,7 @@ class Outbox:
         self._latest: dict[type, KeptMessage] = {}
         self._state: WalkerState | None = None
         self._frame: Frame | None = None
-        self._state_pace, self._frame_pace = Pace(10.0), Pace(2.0)
+        self._state_pace, self._frame_pace = _pace_of(WalkerState), _pace_of(DepthImage)
 
     def keep(self, message: KeptMessage) -> None:
         """Add a message that is kept until it is sent, and of which the newest of its kind is sent at each joining."""
@@ -85,7 +77,7 @@ class Outbox:
                 self._kept.appendleft(message)
 
     def next_state(self, now_s: float) -> WalkerState | None:
-        """Take the newest state when one is due (≤ 10 Hz)."""
+        """Take the newest state when one is due."""
         with self._lock:
             if self._state is None or self._state_pace.wait_s(now_s) > 0:
                 return None
@@ -94,7 +86,7 @@ class Outbox:
             return state
 
     def next_frame(self, now_s: float) -> Frame | None:
-        """Take the newest depth image when one is due (≤ 2 Hz)."""
+        """Take the newest depth image when one is due."""
         with self._lock:
             if self._frame is None or self._frame_pace.wait_s(now_s) > 0:
                 return None

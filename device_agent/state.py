@@ -149,6 +149,11 @@ class DeviceState:
         return self.on_the_way or self.purpose is Mode.PAUSED
 
     @property
+    def uses_its_map(self) -> bool:
+        """Map and PoI-graph must stay as they are: somebody is being led by them, or a map is being recorded."""
+        return self.leading or self.purpose is Mode.MAPPING
+
+    @property
     def on_the_way(self) -> bool:
         """Somebody is being led, and not paused."""
         return self.purpose in ON_THE_WAY

@@ -6,6 +6,7 @@ VbrError
 │   ├── SiteError         a site folder is missing, damaged, or newer than this program
 │   ├── SettingError      a setting has no such name, or its value is out of range
 │   └── WireError         a message between device and console cannot be read
+│       └── VersionError  device and console speak different versions of the protocol
 ├── PlanningError         there is no way, and the text says why
 ├── MappingError          no map could be built from what was recorded
 ├── SensorError           a sensor delivers nothing, or nothing fresh
@@ -38,7 +39,11 @@ class SettingError(InputError):
 
 
 class WireError(InputError):
-    """A message cannot be decoded, or is of another protocol version."""
+    """A message cannot be decoded."""
+
+
+class VersionError(WireError):
+    """Device and console speak different versions of the protocol; the text says which is to be updated."""
 
 
 class PlanningError(VbrError):

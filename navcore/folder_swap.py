@@ -20,8 +20,11 @@ def aside(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}-replaced")
 
 
-def swap_in(fresh: Path, folder: Path) -> None:
-    """Put a complete folder in the place of another, on the same disk. Raises OSError, and the old one stays then."""
+def swap_in(fresh: Path, folder: Path, keep: Path | None = None) -> None:
+    """Put a complete folder in the place of another, on the same disk. Raises OSError, and the old one stays then.
+
+    The old one is moved to ``keep``, where that is given, in the place of what is there; else it is removed.
+    """
     recover(folder)
     shutil.rmtree(aside(folder), ignore_errors=True)
     for attempt in range(_ATTEMPTS):
@@ -36,7 +39,17 @@ def swap_in(fresh: Path, folder: Path) -> None:
             if attempt == _ATTEMPTS - 1 or not fresh.exists():
                 raise
     _sync(folder.parent)
+    if keep is not None:
+        keep_aside(folder, keep)
     shutil.rmtree(aside(folder), ignore_errors=True)
+
+
+def keep_aside(folder: Path, keep: Path) -> None:
+    """Move what was replaced to ``keep``; also for whoever finds it after an interrupted :func:`swap_in`."""
+    if folder.exists() and aside(folder).is_dir():
+        shutil.rmtree(keep, ignore_errors=True)
+        with contextlib.suppress(OSError):
+            os.replace(aside(folder), keep)
 
 
 def recover(folder: Path) -> None:

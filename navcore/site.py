@@ -255,14 +255,17 @@ def pack_site(folder: Path) -> bytes:
     return out.getvalue()
 
 
-def unpack_site(package_bytes: bytes, folder: Path) -> None:
-    """Write a package to a folder that does not exist yet. Raises SiteError, leaving nothing, where it is unfit."""
+def unpack_site(package: bytes | Path, folder: Path) -> None:
+    """Write a package, or a file that holds one, to a folder that does not exist yet.
+
+    Raises SiteError, leaving nothing, where it is unfit.
+    """
     if folder.exists():
         raise SiteError(f"{folder} exists already: name a new folder.")
     folder.parent.mkdir(parents=True, exist_ok=True)
     fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        _extract(package_bytes, fresh)
+        _extract(package, fresh)
         load_site(fresh)
         fresh.chmod(0o755)
         os.replace(fresh, folder)
@@ -270,9 +273,9 @@ def unpack_site(package_bytes: bytes, folder: Path) -> None:
         shutil.rmtree(fresh, ignore_errors=True)
 
 
-def _extract(package_bytes: bytes, folder: Path) -> None:
+def _extract(source: bytes | Path, folder: Path) -> None:
     try:
-        with zipfile.ZipFile(io.BytesIO(package_bytes)) as package:
+        with zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source) as package:
             entries = package.infolist()
             if sum(entry.file_size for entry in entries) > MAX_PACKAGE_BYTES:
                 raise SiteError("The site package unpacks to more than 1 GiB: export it again with a smaller cloud.")

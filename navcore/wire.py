@@ -1,44 +1,41 @@
-"""The messages between device and console: one table, typed, versioned, msgpack on a WebSocket.
+"""The messages between device and console: typed, versioned, msgpack on a WebSocket; :data:`MESSAGES` is the table.
 
 The device dials ``/device`` of the console with ``Authorization: Bearer TOKEN`` and sends :class:`Hello`; the console
 answers :class:`Welcome`. Each frame of the socket is one message. What cannot be decoded is a WireError and closes the
-link, never the guidance.
-
-==================== ========= ======================== ==========================================
-message              direction rate                     on a slow link
-==================== ========= ======================== ==========================================
-Hello / Welcome      ↑ / ↓     once a connection        –
-WalkerState          ↑         ≤ 10 Hz                  the newest replaces what is not sent yet
-DepthImage           ↑         ≤ 2 Hz                   dropped first
-RouteChanged         ↑         on change                kept
-Event                ↑         on change                kept until EventConfirmed
-SettingsRunning      ↑         on change                kept
-GraphRunning         ↑         on change                kept
-MapRunning           ↑         on change                kept
-Pong                 ↑         as Ping                  –
-SetDestination …     ↓         when somebody acts       kept
-==================== ========= ======================== ==========================================
+link, never the guidance. Rate, priority, size limit and fate on a slow link are taken from the table by both ends; the
+page of the docs (link.md) is made from it.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Literal, TypeVar
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Annotated, Literal, TypeVar, cast
 
 import msgspec
 
-from navcore.errors import WireError
+from navcore.errors import VersionError, WireError
 from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
+from navcore.wire_row import Delivery, Direction, MessageRow
 
-PROTOCOL_VERSION = 2
-"""2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons."""
+PROTOCOL_VERSION = 3
+"""2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
+3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told.
+"""
+PING_EVERY_S = 2.0
+"""How often the console asks for the device's clock, once it has been told it a few times."""
 MAX_MESSAGE_BYTES = 4 << 20
+"""No message is larger; most may be much less (see the table)."""
 
 Text = Annotated[str, msgspec.Meta(max_length=500)]
 ShortText = Annotated[str, msgspec.Meta(max_length=120)]
 Point2 = tuple[float, float]
 T = TypeVar("T")
-Finite = Annotated[float, msgspec.Meta(ge=-1e12, le=1e12)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
+"""As far as every database and language in use counts exactly."""
+MAX_STAMP_S = 1e12
+Finite = Annotated[float, msgspec.Meta(ge=-MAX_STAMP_S, le=MAX_STAMP_S)]
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
@@ -54,8 +51,8 @@ class Hello(_Message, frozen=True, tag="hello"):
     software_version: ShortText
     site_id: ShortText
     map_checksum: ShortText
-    graph_version: int
-    settings_revision: int
+    graph_version: Count
+    settings_revision: Count
     now_s: Finite
     """The device's clock as it sends this."""
 
@@ -80,7 +77,7 @@ class WalkerState(_Message, frozen=True, tag="state"):
     pose: tuple[float, float, float, float] | None = None
     """x, y, eye height (m) and heading (rad) in the world; None when lost."""
     position_std_m: float | None = None
-    inlier_count: int = 0
+    inlier_count: Count = 0
     direction_rad: float | None = None
     """θ_walk, relative to the heading."""
     expected_rad: float | None = None
@@ -124,7 +121,7 @@ class RouteChanged(_Message, frozen=True, tag="route"):
 class Event(_Message, frozen=True, tag="event"):
     """Something that must not be lost: kept on the device until confirmed."""
 
-    sequence: int
+    sequence: Count
     stamp_s: Finite
     kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
     text: Text
@@ -133,16 +130,16 @@ class Event(_Message, frozen=True, tag="event"):
 class SettingsRunning(_Message, frozen=True, tag="settings_running"):
     """The settings that the device runs; the answer to ApplySettings."""
 
-    revision: int
+    revision: Count
     values: dict[str, float | int | bool | str]
-    refused_revision: int | None = None
+    refused_revision: Count | None = None
     refusal: Text = ""
 
 
 class GraphRunning(_Message, frozen=True, tag="graph_running"):
     """The PoI-graph that the device runs; the answer to PublishGraph."""
 
-    version: int
+    version: Count
     refusal: Text = ""
 
 
@@ -151,13 +148,19 @@ class MapRunning(_Message, frozen=True, tag="map_running"):
 
     map_checksum: ShortText
     refusal: Text = ""
+    waiting_checksum: ShortText = ""
+    """A newer map that is here and checked, and is taken as soon as nobody is being led; empty where none waits."""
 
 
 class Pong(_Message, frozen=True, tag="pong"):
-    """Answer to Ping: both clocks, for the offset between them."""
+    """Answer to Ping: when it left and came, and when this leaves, for the offset between the clocks."""
 
-    console_now_s: Finite
-    device_now_s: Finite
+    console_sent_s: Finite
+    """As the Ping told it, on the console's clock."""
+    device_received_s: Finite
+    """When the Ping came, on the device's clock."""
+    device_sent_s: Finite
+    """When this goes, on the device's clock."""
 
 
 # ------------------------------------------------------------------------------------------ console → device
@@ -165,7 +168,7 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     """The console takes the device in."""
 
     protocol_version: int
-    last_event_sequence: int
+    last_event_sequence: Count
     """The last event of this device that the console has stored."""
 
 
@@ -200,7 +203,7 @@ class Say(_Message, frozen=True, tag="say"):
 class ApplySettings(_Message, frozen=True, tag="apply_settings"):
     """Run these settings: all of them or, where one is refused, none."""
 
-    revision: int
+    revision: Count
     values: dict[str, float | int | bool | str]
 
 
@@ -215,19 +218,25 @@ class MapAvailable(_Message, frozen=True, tag="map_available"):
 
     path: ShortText
     map_checksum: ShortText
-    size_bytes: int
+    size_bytes: Count
+    package_sha256: Annotated[str, msgspec.Meta(pattern=r"^[0-9a-f]{64}\Z")]
+    """Of the package as it is fetched; it also names the package, so that a download can go on later."""
 
 
 class EventConfirmed(_Message, frozen=True, tag="event_confirmed"):
     """Events up to this one are stored."""
 
-    sequence: int
+    sequence: Count
 
 
 class Ping(_Message, frozen=True, tag="ping"):
-    """Asks for the device's clock."""
+    """Asks for the device's clock, and tells what is known of it so far."""
 
-    console_now_s: Finite
+    console_sent_s: Finite
+    offset_s: Finite | None = None
+    """Device clock minus console clock; None before it has been measured."""
+    uncertainty_s: Finite | None = None
+    """The true offset is no farther than this from ``offset_s``."""
 
 
 DeviceMessage = (
@@ -238,14 +247,55 @@ ConsoleMessage = (
     | MapAvailable | EventConfirmed | Ping
 )  # fmt: skip
 
+_UP, _DOWN = Direction.UP, Direction.DOWN
+_KIB = 1 << 10
+_ROWS = (
+    # message, direction, since, sent, at most (Hz), priority, on a slow link, at most (bytes)
+    MessageRow(Hello, _UP, 1, "once a connection", None, 0, Delivery.GREETING, 4 * _KIB),
+    MessageRow(Pong, _UP, 3, "at each Ping", None, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(SettingsRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 64 * _KIB),
+    MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
+    MessageRow(Event, _UP, 2, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
+    MessageRow(WalkerState, _UP, 2, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
+    MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
+    MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(SetDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(ClearDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Pause, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Resume, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
+    MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
+    MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 4, Delivery.OFFER, MAX_MESSAGE_BYTES),
+)
+MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})
+"""Every message that passes between device and console."""
+
 _encoder = msgspec.msgpack.Encoder()
 _device_decoder: msgspec.msgpack.Decoder[DeviceMessage] = msgspec.msgpack.Decoder(DeviceMessage)
 _console_decoder: msgspec.msgpack.Decoder[ConsoleMessage] = msgspec.msgpack.Decoder(ConsoleMessage)
 
 
+class _Greeting(msgspec.Struct):
+    """What a greeting of any version says: the rest of it may have another form."""
+
+    type: str
+    protocol_version: int
+
+
+_greeting_decoder = msgspec.msgpack.Decoder(_Greeting)
+
+
 def encode(message: DeviceMessage | ConsoleMessage) -> bytes:
-    """Return the message as one WebSocket frame."""
-    return _encoder.encode(message)
+    """Return the message as one WebSocket frame. Raises WireError where it is larger than the table allows."""
+    data = _encoder.encode(message)
+    _refuse_larger(len(data), MESSAGES[type(message)].max_bytes, type(message).__name__)
+    return data
 
 
 def decode_from_device(data: bytes) -> DeviceMessage:
@@ -258,14 +308,56 @@ def decode_from_console(data: bytes) -> ConsoleMessage:
     return _checked(data, _console_decoder)
 
 
-def _checked(data: bytes, decoder: msgspec.msgpack.Decoder[T]) -> T:
-    if len(data) > MAX_MESSAGE_BYTES:
-        raise WireError(
-            f"A message of {len(data)} bytes is larger than the {MAX_MESSAGE_BYTES} that are taken: send less."
-        )
+def decode_hello(data: bytes) -> Hello:
+    """Read what a device begins with. Raises VersionError where it is of another version, else WireError."""
+    theirs = _version_of(data, "hello")
+    if theirs is not None:
+        _refuse_other_version(console=PROTOCOL_VERSION, device=theirs)
+    message = decode_from_device(data)
+    if not isinstance(message, Hello):
+        raise WireError("The device did not begin with a hello: use the same version on both sides.")
+    return message
+
+
+def decode_welcome(data: bytes) -> Welcome:
+    """Read what the console begins with. Raises VersionError where it is of another version, else WireError."""
+    theirs = _version_of(data, "welcome")
+    if theirs is not None:
+        _refuse_other_version(console=theirs, device=PROTOCOL_VERSION)
+    message = decode_from_console(data)
+    if not isinstance(message, Welcome):
+        raise WireError("The console did not begin with a welcome: use the same version on both sides.")
+    return message
+
+
+def _version_of(data: bytes, greeting: str) -> int | None:
+    """Return the version that a greeting names, whatever else is in it; None where it is none."""
     try:
-        return decoder.decode(data)
+        seen = _greeting_decoder.decode(data)
+    except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError):
+        return None
+    return seen.protocol_version if seen.type == greeting else None
+
+
+def _refuse_other_version(*, console: int, device: int) -> None:
+    if console != device:
+        older = "console" if console < device else "device"
+        raise VersionError(f"The console speaks protocol {console}, this device {device}: update the {older}.")
+
+
+def _checked(data: bytes, decoder: msgspec.msgpack.Decoder[T]) -> T:
+    _refuse_larger(len(data), MAX_MESSAGE_BYTES, "A message")
+    try:
+        message = decoder.decode(data)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise WireError(
             f"A message cannot be read ({error}): use the same version of the program on both sides."
         ) from error
+    kind = cast("type[msgspec.Struct]", type(message))
+    _refuse_larger(len(data), MESSAGES[kind].max_bytes, kind.__name__)
+    return message
+
+
+def _refuse_larger(size_bytes: int, max_bytes: int, what: str) -> None:
+    if size_bytes > max_bytes:
+        raise WireError(f"{what} of {size_bytes} bytes is larger than the {max_bytes} that are taken: send less.")

@@ -30,7 +30,7 @@ function showLive(data, elapsed_s, linked) {
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
   device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;
   const age_s = device && device.age_s !== null ? device.age_s + elapsed_s : null;
-  const fresh = device ? freshnessOf(age_s, device.connected && linked, data.limits) : "lost";
+  const fresh = device ? freshnessOf(age_s, device.age_uncertainty_s, device.connected && linked, data.limits) : "lost";
   $("panel").dataset.freshness = fresh;
   showFreshness(fresh);
   walker.show(device, { elapsed_s, age_s, fresh, poi: (id) => graph.poi(id) });

@@ -45,11 +45,13 @@ export function follow(show) {
   setInterval(draw, TICK_MS);
 }
 
-/** How fresh something of this age is: the console's own limits, counted on by this page's clock. */
-export function freshnessOf(age_s, connected, limits) {
-  if (age_s === null || !connected || age_s > limits.lost) return "lost";
-  if (age_s > limits.stale) return "stale";
-  return age_s > limits.delayed ? "delayed" : "live";
+/** How fresh something of this age is, at the oldest that it may be: the console's own limits, counted on by this page's
+ *  clock. Nothing is live while the device's clock has not been compared (uncertainty_s is null). */
+export function freshnessOf(age_s, uncertainty_s, connected, limits) {
+  const longest_s = age_s + (uncertainty_s ?? 0);
+  if (age_s === null || !connected || longest_s > limits.lost) return "lost";
+  if (longest_s > limits.stale) return "stale";
+  return longest_s > limits.delayed || uncertainty_s === null ? "delayed" : "live";
 }
 
 export const FRESHNESS = {

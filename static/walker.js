@@ -101,10 +101,16 @@ function decision(state, name) {
   return { sign: "walk", words: `Walking${towards}, ${Math.abs(degrees)}° ${side}` };
 }
 
+function mapNews(device) {
+  return device.map_waiting ? "a newer one waits until nobody is led" : device.map_refusal;
+}
+
 function figures(device, state) {
   const sure = state.quality === "localized" && state.position_std_m !== null;
   const uncertainty = sure ? `± ${Math.max(1, Math.round(state.position_std_m * 100))} cm` : "";
   const delay = device.link_delay_s === null ? ["–"] : [Math.max(1, Math.round(device.link_delay_s * 1000)), "ms"];
+  const clocks = device.age_uncertainty_s === null ? ["not compared yet"]
+    : [`± ${Math.max(1, Math.round(device.age_uncertainty_s * 1000))}`, "ms"];
   return [
     ["Position", QUALITY[state.quality], uncertainty],
     ["Off the route by", metres(state.deviation_m, 2)],
@@ -114,6 +120,8 @@ function figures(device, state) {
     ["Ultrasonic", state.sonar_state === "ok" ? metres(state.sonar_m) : SONAR[state.sonar_state]],
     ["Camera pictures", state.frame_rate_hz.toFixed(0), `per second, ${state.cycle_ms.toFixed(0)} ms each`],
     ["Link delay", ...delay],
+    ["Clocks compared", ...clocks],
+    ["Map", device.map_checksum.slice(0, 8) || "–", mapNews(device)],
   ];
 }
 

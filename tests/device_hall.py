@@ -12,7 +12,7 @@ from device_agent.adapters.fakes import FakeButtons, FakeCamera, FakeLocalizer, 
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
-from device_agent.ports import Button, ButtonPress, PressKind
+from device_agent.ports import Button, ButtonPress, PressKind, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
 from navcore.cues.table import CueKind
@@ -68,12 +68,15 @@ class Rig:
     locate_error: Exception | None = None
     quality: LocalizationQuality = LocalizationQuality.LOCALIZED
     tap: Tap = field(default_factory=Tap)
+    link: Uplink | None = None
+    """Where what the console shall know goes; None keeps it in ``uplink``."""
 
     def __post_init__(self) -> None:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
         self.sonar = FakeSonar(self.clock)
         parts = DeviceParts(
-            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output, self.uplink,
+            self.clock, FakeCamera(INTRINSICS, self.clock, self._frames()), self.sonar, self.output,
+            self.link or self.uplink,
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
             tap=self.tap,
         )  # fmt: skip

@@ -80,8 +80,8 @@ class WalkingDevice:
 
     def _answer(self, message: ConsoleMessage) -> None:
         match message:
-            case Ping(console_now_s):
-                self.link.send(Pong(console_now_s, self.now_s()))
+            case Ping(console_sent_s):
+                self.link.send(Pong(console_sent_s, self.now_s(), self.now_s()))
             case ApplySettings(revision, values):
                 self.link.send(SettingsRunning(revision, values))
             case SetDestination(poi_id):

@@ -140,7 +140,7 @@ def test_devices_need_a_token_and_people_are_none(server: ConsoleServer, people:
         with pytest.raises(InvalidStatus) as refused:
             connect(server.ready.url.replace("http", "ws") + "/device", additional_headers=headers, proxy=None)
         assert refused.value.response.status_code == 403
-        path = server.services.package.path
+        path = server.services.package.packed().path
         assert httpx.get(server.ready.url + path, headers=headers, trust_env=False).status_code == 401
 
 

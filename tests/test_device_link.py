@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import http.server
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -18,8 +17,6 @@ from device_agent.adapters.clocks import FakeClock
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
-from navcore.errors import SiteError
-from navcore.site import Site, map_checksum, pack_site, save_site
 from navcore.types import Frame
 from navcore.wire import (
     PROTOCOL_VERSION,
@@ -35,6 +32,7 @@ from navcore.wire import (
     SetDestination,
     SettingsRunning,
     WalkerState,
+    decode_from_device,
     encode,
 )
 
@@ -45,7 +43,6 @@ class Device:
 
     orders: list[ConsoleMessage] = field(default_factory=list)
     maps: list[tuple[Path, str]] = field(default_factory=list)
-    map_error: Exception | None = None
     changed: threading.Condition = field(default_factory=threading.Condition)
 
     def hello(self) -> Hello:
@@ -57,8 +54,6 @@ class Device:
             self.changed.notify_all()
 
     def map_arrived(self, staging: Path, checksum: str) -> None:
-        if self.map_error is not None:
-            raise self.map_error
         with self.changed:
             self.maps.append((staging, checksum))
             self.changed.notify_all()
@@ -111,7 +106,7 @@ def test_joins_with_a_hello_and_answers_a_ping_with_both_clocks(console: Console
     console.send(Ping(55.5))
     console.wait_for(lambda: bool(console.of_type(Pong)))
     assert console.seen[0] == Device().hello()
-    assert console.of_type(Pong) == [Pong(55.5, 100.0)]
+    assert console.of_type(Pong) == [Pong(55.5, 100.0, 100.0)]
 
 
 def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, device: Device) -> None:
@@ -258,103 +253,71 @@ def test_a_damaged_journal_is_put_aside_and_the_device_starts_all_the_same(tmp_p
     assert after.damaged.read_bytes() == broken
 
 
-class _Packages(http.server.BaseHTTPRequestHandler):
-    package = b""
-
-    def do_GET(self) -> None:
-        good = self.headers["Authorization"] == f"Bearer {TOKEN}" and self.path == "/maps/new"
-        self.send_response(200 if good else 404)
-        self.end_headers()
-        if good:
-            self.wfile.write(self.package)
-
-    def log_message(self, format: str, *args: object) -> None:
-        """Be quiet."""
-
-
-@pytest.fixture
-def package_server() -> Iterator[type[_Packages]]:
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), _Packages)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    _Packages.port = server.server_address[1]  # type: ignore[attr-defined]
-    yield _Packages
-    server.shutdown()
-    server.server_close()
-
-
-def fetched(offer: MapAvailable, port: int, staging: Path) -> None:
-    from device_agent.map_download import fetch_map
-
-    asyncio.run(fetch_map(offer, f"ws://127.0.0.1:{port}", TOKEN, staging))
-
-
-def test_a_map_is_fetched_checked_and_unpacked(
-    package_server: type[_Packages], small_site: Site, tmp_path: Path
-) -> None:
-    save_site(small_site, tmp_path / "published")
-    package_server.package = pack_site(tmp_path / "published")
-    checksum = map_checksum(tmp_path / "published")
-    offer = MapAvailable("/maps/new", checksum, len(package_server.package))
-    port = package_server.port  # type: ignore[attr-defined]
-    fetched(offer, port, tmp_path / "staging")
-    assert map_checksum(tmp_path / "staging") == checksum
-
-
-@pytest.mark.parametrize(
-    ("path", "checksum", "extra_bytes", "damaged", "sentence"),
-    [
-        ("/maps/new", "another", 0, False, "not the one offered"),
-        ("/maps/new", None, 1, False, "bytes that were offered"),
-        ("/maps/new", None, -1, False, "bytes that were offered"),
-        ("/maps/new", None, 0, True, "damaged"),
-        ("/maps/gone", None, 0, False, "could not be fetched"),
-        ("//elsewhere/maps/new", None, 0, False, "no path of its own"),
-    ],
-)
-def test_a_map_that_is_not_what_was_offered_is_refused_and_leaves_nothing(
-    package_server: type[_Packages], small_site: Site, tmp_path: Path,
-    path: str, checksum: str | None, extra_bytes: int, damaged: bool, sentence: str,
-) -> None:  # fmt: skip
-    save_site(small_site, tmp_path / "published")
-    package = pack_site(tmp_path / "published")
-    package_server.package = bytes(len(package)) if damaged else package
-    offer = MapAvailable(path, checksum or map_checksum(tmp_path / "published"), len(package) + extra_bytes)
-    with pytest.raises(Exception, match=sentence):
-        fetched(offer, package_server.port, tmp_path / "staging")  # type: ignore[attr-defined]
-    assert not (tmp_path / "staging").exists()
-
-
 def test_a_map_that_cannot_be_had_is_answered_with_the_reason(
     console: Console, link: ConsoleLink, device: Device
 ) -> None:
-    device.map_error = SiteError("unused")
-    console.send(MapAvailable("/maps/new", "c0ffee", 10))
+    console.send(MapAvailable("/maps/new", "c0ffee", 10, "0" * 64))
     console.wait_for(lambda: bool(console.of_type(MapRunning)))
     assert console.of_type(MapRunning)[0] == MapRunning("c0ffee")
-    console.send(MapAvailable("/maps/new", "another", 10))
+    console.send(MapAvailable("/maps/new", "another", 10, "0" * 64))
     console.wait_for(lambda: len(console.of_type(MapRunning)) == 2)
     assert "could not be fetched" in console.of_type(MapRunning)[1].refusal
 
 
-def test_a_full_disk_or_a_text_that_cannot_be_stored_does_not_end_the_journal(tmp_path: Path) -> None:
+def test_a_full_disk_or_a_text_that_cannot_be_stored_does_not_end_the_journal(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("device_agent.journal.MAX_EVENTS_IN_MEMORY", 200)
     journal = EventJournal(tmp_path / "events.sqlite")
     journal.append(0.0, "cue", "before")
     journal.append(0.0, "sensor", "a broken name \udcff")
     journal.flush()
     pages = journal._base.execute("PRAGMA page_count").fetchone()[0]
     journal._base.execute(f"PRAGMA max_page_count={pages}")
-    for _ in range(300):
-        journal.append(1.0, "cue", "x" * 500)
+    for number in range(150):
+        journal.append(1.0, "cue", f"{number} ".ljust(500, "x"))
+        journal.flush()
+    for time_s in (float("nan"), float("inf")):
+        journal.append(time_s, "cue", "no time")
     journal.flush()
-    journal.append(float("nan"), "cue", "no time")
-    journal.flush()
+    for _ in range(100):
+        journal.append(1.0, "cue", "too many")
+        journal.flush()
     journal._base.execute("PRAGMA max_page_count=100000")
     journal.append(2.0, "cue", "after")
     journal.flush()
     texts = [event.text for event in journal.pending(0, 1000)]
     assert texts[:2] == ["before", "a broken name ?"]
-    assert "after" in texts
-    assert any("missing" in text for text in texts)
+    assert [text.split()[0] for text in texts[2:152]] == [str(number) for number in range(150)]
+    assert texts[152:154] == ["no time", "no time"]
+    kept_count = texts.count("too many")
+    assert 0 < kept_count < 100
+    gap = f"{100 - kept_count} events were too many for the disk and are missing."
+    assert texts[154:] == ["too many"] * kept_count + ["after", gap]
+    assert all(decode_from_device(encode(event)) == event for event in journal.pending(0, 1000))
+    journal.close()
+
+
+def test_of_too_many_events_the_oldest_give_way_to_one_that_says_how_many(tmp_path: Path) -> None:
+    journal = EventJournal(tmp_path / "events.sqlite", max_count=10)
+
+    def said(first: int, last: int) -> list[str]:
+        for number in range(first, last):
+            journal.append(float(number), "cue", str(number))
+            journal.flush()
+        return [event.text for event in journal.pending(0, 1000)]
+
+    kept = [str(number) for number in range(10)]
+    assert said(0, 10) == kept
+    (gap, *rest) = said(10, 15)
+    assert (gap.split()[0], rest) == ("5", [str(number) for number in range(5, 15)])
+    (gap, *rest) = said(15, 32)
+    assert (gap.split()[0], rest) == ("22", [str(number) for number in range(22, 32)])
+    (told, *_) = journal.pending(0, 1)
+    assert (told.sequence, told.kind, "missing" in told.text) == (22, "link", True)
+    journal.confirm(told.sequence)
+    (gap, *rest) = said(32, 35)
+    assert (gap.split()[0], rest) == ("3", [str(number) for number in range(25, 35)])
     journal.close()
 
 

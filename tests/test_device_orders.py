@@ -85,13 +85,32 @@ def test_a_map_is_swapped_only_at_rest_and_forgets_the_old_frame_of_reference(
 ) -> None:
     lost = FakeLocalizer(lambda frame: Localization(frame.stamp_s, LocalizationQuality.LOST, None))
     prepared = PreparedMap(Path("staging"), "new", small_site, lost)
-    waiting = carry_out(guiding, prepared, 0.0)[0]
+    waiting, told = carry_out(guiding, prepared, 0.0)
+    assert told == (MapRunning(guiding.map_checksum, waiting_checksum="new"),)
     assert at_rest(waiting) == (waiting, ())
     rested, effects = at_rest(carry_out(replace(waiting, trail=((0.0, 1.0, 1.0),)), ClearDestination(), 0.0)[0])
     assert (rested.map_checksum, rested.route, rested.trail, rested.waiting_map) == ("new", None, (), None)
     assert isinstance(effects[0], SwapMap)
     assert effects[0].prepared is prepared
     assert effects[1:] == (MapRunning("new"), GraphRunning(1))
+
+
+@pytest.mark.parametrize(
+    ("mode", "taken"),
+    [
+        (Mode.OFF_DUTY, True), (Mode.LOCALIZING, True), (Mode.READY, True), (Mode.ARRIVED, True),
+        (Mode.MAPPING, False), (Mode.GUIDING, False), (Mode.PAUSED, False), (Mode.LOST, False),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("faulty", [False, True])
+def test_a_map_is_taken_between_walks_alone(
+    guiding: DeviceState, small_site: Site, mode: Mode, taken: bool, faulty: bool
+) -> None:
+    lost = FakeLocalizer(lambda frame: Localization(frame.stamp_s, LocalizationQuality.LOST, None))
+    state = replace(guiding, mode=Mode.FAULT, beneath=mode) if faulty else replace(guiding, mode=mode)
+    waiting, told = carry_out(state, PreparedMap(Path("staging"), "new", small_site, lost), 0.0)
+    assert bool(told) is not taken
+    assert (at_rest(waiting)[0].map_checksum == "new") is taken
 
 
 def test_pause_and_resume_only_where_they_make_sense(ready: DeviceState, guiding: DeviceState) -> None:

@@ -17,7 +17,7 @@ from device_room import small_room
 from map_walk_rig import MapRig, walk_frames
 
 from device_agent.cli import main
-from device_agent.device_store import keep_previous, previous_site, restore_previous
+from device_agent.device_store import previous_site, restore_previous
 from device_agent.localization import make_localizer
 from device_agent.map_walk.map_walks import MAX_ATTEMPTS, DeviceMapWalks, WalkPlan
 from device_agent.map_walk.recorder import RESERVE_BYTES, WalkRecording
@@ -381,7 +381,6 @@ def test_the_report_names_the_longest_weak_stretch() -> None:
 
 
 def test_a_map_cannot_be_restored_where_none_was_kept(tmp_path: Path) -> None:
-    keep_previous(tmp_path / "site")
     with pytest.raises(InputError, match="No earlier map"):
         restore_previous(tmp_path / "site")
 

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 from slam_blank_room import CAMERA, FLOOR, Plane, camera_at, corridor_planes, depth_of, room_planes
 
+from navcore.slam.depth_localization import SURE_CONTRADICTED, DepthAid, DepthPlace
+from navcore.slam.depth_tracking import DepthView
 from navcore.slam.keyframes import Features
 from navcore.slam.map import MapBuilder
 from navcore.slam.mapper import Mapper
 from navcore.slam.mapping import adjust
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import thaw
+from navcore.slam.tracking import Track
 from navcore.types import CameraIntrinsics, Frame
 
 INTRINSICS = CameraIntrinsics(320, 240, CAMERA.fx_px, CAMERA.fy_px, CAMERA.cx_px, CAMERA.cy_px)
@@ -135,3 +138,37 @@ def test_room_of_planes_is_what_it_says() -> None:
     assert np.isnan(depth_m[:120]).all()
     lowest = 1.0 / ((239 - CAMERA.cy_px) / CAMERA.fy_px)
     assert np.isclose(depth_m[239, 160], lowest, rtol=1e-4)
+
+
+def test_surfaces_that_are_partly_elsewhere_make_nobody_surer(
+    room_map: tuple[Mapper, SlamMap], room_walk: list[tuple[Frame, np.ndarray]]
+) -> None:
+    """Somebody who walks along, or furniture that was moved, looks like a wall of the room that is nearer."""
+    _, slam_map = room_map
+    frame, pose = room_walk[20]
+    assert frame.depth_m is not None
+    someone = frame.depth_m.copy()
+    someone[80:, 110:180] = np.where(np.isnan(someone[80:, 110:180]), np.nan, 0.75 * someone[80:, 110:180])
+    in_map = pose @ np.linalg.inv(room_walk[0][1])
+    expected = np.diag([0.04**2] * 3 + [0.02**2] * 3)
+    as_it_was = _placed(slam_map, frame.depth_m, in_map, expected)
+    changed = _placed(slam_map, someone, in_map, expected)
+    carried = DepthAid(slam_map).carried(DepthView(CAMERA, someone), in_map, STEP_S)
+    assert carried is not None
+    assert carried.alignment.contradicted > SURE_CONTRADICTED
+    assert as_it_was.is_sure
+    assert np.linalg.eigvalsh(as_it_was.covariance - as_it_was.shared_covariance)[-1] < 0.04**2
+    assert not changed.is_sure
+    assert np.linalg.eigvalsh(changed.covariance - changed.shared_covariance - expected)[0] > -1e-12
+
+
+def _placed(slam_map: SlamMap, depth_m: np.ndarray, camera_from_world: np.ndarray, expected: np.ndarray) -> DepthPlace:
+    """Where surfaces place a frame that odometry followed from the same place, with an uncertainty (6, 6)."""
+    nothing = Features(
+        np.zeros((0, 3)), np.zeros(0), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 32), np.uint8),
+        np.zeros(2, np.int32), 1,
+    )  # fmt: skip
+    before = Track(0.0, nothing, camera_from_world, np.zeros(0, np.int32), np.zeros((6, 6)))
+    placed = DepthAid(slam_map).place(DepthView(CAMERA, depth_m), before, before, before, expected, is_pace_known=True)
+    assert placed is not None
+    return placed

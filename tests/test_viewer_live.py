@@ -68,7 +68,7 @@ def device() -> LiveDevice:
     """A device that sent one state at second 100 of both clocks."""
     hello = Hello(1, "glasses", "0.1", "crossing", "x", 1, 0, 100.0)
     route = RouteChanged(100.0, tuple((x / 10, 0.0) for x in range(100)), (), "bar")
-    return LiveDevice("glasses", "Glasses", hello, True, 100.0, 0.0, None, state_at(100.0), 100.0, route)
+    return LiveDevice("glasses", "Glasses", hello, True, 100.0, 0.0, 0.001, None, state_at(100.0), 100.0, route)
 
 
 def draw(browser: FakeBrowser, view: LiveView) -> None:

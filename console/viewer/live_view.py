@@ -51,10 +51,11 @@ class LiveView:
     @property
     def uncertainty_m(self) -> float:
         """Radius of the disc that holds the walker: the pose's own, growing at walking speed with its age."""
-        if self.state is None or self.age_s is None:
+        longest_age_s = self.device.longest_age_s(self.now_s) if self.device is not None else None
+        if self.state is None or longest_age_s is None:
             return 0.0
         own_m = 2.0 * (self.state.position_std_m or 0.1)
-        moved_m = max(0.0, self.age_s - 0.5) * WALKING_SPEED_M_S
+        moved_m = max(0.0, longest_age_s - 0.5) * WALKING_SPEED_M_S
         return min(own_m + moved_m, _LARGEST_DISC_M)
 
     @property

@@ -103,6 +103,9 @@ class DepthAid:
             return None
         both = fused(prior, said)
         alignment, relative = found.alignment, covariance_in_world(both.camera_from_world, both.information)
+        if alignment.contradicted > SURE_CONTRADICTED:
+            # Surfaces of which some are elsewhere now may belong to a person, or to furniture that was moved.
+            relative = expected
         if is_unguided and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
         is_sure = (

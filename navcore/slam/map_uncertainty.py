@@ -28,6 +28,9 @@ TIE_SIGMA_M = 0.1
 TIE_SIGMA_RAD = 0.03
 """Standard deviation between key frames that follow each other in a recording, were there no landmark: they have been
 followed from one to the next all the same."""
+MAP_VARIANCE = 0.6
+"""By so much the adjustment of a map is better than pixels of nominal noise would have it. Measured: with 1, the 95 %
+ellipsoids of poses in simulated maps held the truth 99.5 % of the time (``python -m benchmarks.trust``)."""
 _EDGE_SHARE = 0.01
 """What an observation of an edge counts."""
 _PRIOR = 1.0
@@ -58,7 +61,7 @@ def keyframe_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) ->
     sampled = np.unique(np.linspace(0, slam_map.keyframe_count - 1, SAMPLED_KEYFRAMES).round().astype(np.int64))
     covariances = _gauge_free(factor, _rigid_motions(slam_map), sampled)
     nearest = np.abs(np.arange(slam_map.keyframe_count)[:, None] - sampled).argmin(axis=1)
-    return np.ascontiguousarray(covariances[nearest])
+    return MAP_VARIANCE * np.ascontiguousarray(covariances[nearest])
 
 
 def _reduced_system(slam_map: SlamMap, is_edge: BoolArray | None) -> tuple[FloatArray, IntArray, IntArray]:

@@ -34,8 +34,8 @@ UNKNOWN_MISFIT = 3.0
 """Variance factor where the blocks are too few."""
 LEAST_MISFIT = 1.0
 """The variance is never taken for less than that of independent pixels."""
-SYSTEMATIC_SIGMA_M = 0.007
-SYSTEMATIC_SIGMA_RAD = 0.002
+SYSTEMATIC_SIGMA_M = 0.0055
+SYSTEMATIC_SIGMA_RAD = 0.0015
 """Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame."""
 DRIFT_SHARE = 0.025
 """Standard deviation of odometry, per metre moved and per radian turned from one frame to the next."""

@@ -1,0 +1,27 @@
+"""A console process that is there to be killed: ``SITE DATA PORT TOKEN_FILE``; says its address once it serves."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from console.config import ConsoleConfig
+from console.server import ConsoleServer, Ready
+
+
+def main() -> None:
+    """Serve until killed."""
+    site, data, port, token_file = sys.argv[1:]
+    server = ConsoleServer(
+        ConsoleConfig(Path(site), Path(data), port=int(port)), device_token_file=Path(token_file), with_scene=False
+    )
+
+    def say(ready: Ready) -> None:
+        sys.stdout.write(ready.url + "\n")
+        sys.stdout.flush()
+
+    server.run(say)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,61 @@
+"""A device's link in a process of its own, there to be killed: ``URL TOKEN FOLDER RUN``.
+
+Each line of its input is a number of events to hand over; when they are on the disk, it says how many there are so far.
+Maps that it is offered are fetched to ``FOLDER/incoming``; it says ``map CHECKSUM`` when one has come.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from device_agent.adapters.clocks import SystemClock
+from device_agent.journal import EventJournal
+from device_agent.link import ConsoleLink
+from device_agent.link_settings import LinkSettings
+from navcore.wire import PROTOCOL_VERSION, ConsoleMessage, Hello
+
+DEVICE_ID = "glasses"
+
+
+def say(line: str) -> None:
+    """Tell the test."""
+    sys.stdout.write(line + "\n")
+    sys.stdout.flush()
+
+
+class Device:
+    """What the link needs of a device."""
+
+    def hello(self) -> Hello:
+        """Return a hello of a device that runs another map than the console's."""
+        return Hello(PROTOCOL_VERSION, DEVICE_ID, "0.1.0", "small", "another", 0, 0, 0.0)
+
+    def submit(self, order: ConsoleMessage) -> None:
+        """Nobody gives orders here."""
+
+    def map_arrived(self, staging: Path, checksum: str) -> None:
+        """Tell of the map."""
+        say(f"map {checksum}")
+
+
+def main() -> None:
+    """Hand over events as asked."""
+    url, token, folder, run = sys.argv[1:]
+    journal = EventJournal(Path(folder) / "events.sqlite")
+    settings = LinkSettings(url, token, Path(folder) / "incoming", first_pause_s=0.02, longest_pause_s=0.1)
+    clock = SystemClock()
+    link = ConsoleLink(settings, journal, clock)
+    link.start(Device())
+    said = 0
+    say("ready")
+    for line in sys.stdin:
+        for _ in range(int(line)):
+            link.event(clock.now_s(), "cue", f"{run} {said}")
+            said += 1
+        journal.flush()
+        say(str(said))
+
+
+if __name__ == "__main__":
+    main()

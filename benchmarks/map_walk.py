@@ -1,6 +1,6 @@
 """A map walk through the simulated office floor: what is said, and what following it live costs.
 
-``python benchmarks/map_walk.py [--length-m 60] [--speed 1]`` prints JSON. A careful walk should hear little; ``--speed
+``python -m benchmarks.map_walk [--length-m 60] [--speed 1]`` prints JSON. A careful walk should hear little; ``--speed
 3`` shows every third frame, as if it were walked three times as fast. The work is done in line, one thread after the
 other, so that what is measured is the work of each.
 """

@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
-from device_agent.adapters.fakes import NoButtons
+from device_agent.adapters.fakes import NoButtons, NoMapWalks
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.load_plan import LoadLevel
@@ -33,6 +33,7 @@ from device_agent.ports import (
     DepthCamera,
     DisplayOutput,
     LocalizerPort,
+    MapWalks,
     Sonar,
     Uplink,
 )
@@ -43,6 +44,7 @@ from device_agent.state import (
     DeviceState,
     Effect,
     Happened,
+    MarkPlace,
     Notice,
     PreparedMap,
     SayAgain,
@@ -54,6 +56,7 @@ from device_agent.voice import Voice, VoiceMemory
 from device_agent.watchdog import Heartbeat, Watchdog
 from navcore.cues.table import Cue
 from navcore.errors import SensorError, SiteError, VbrError
+from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
@@ -95,6 +98,8 @@ class DeviceParts:
     """Who listens in on the loop: a recorder, or nobody."""
     alive: Callable[[], None] = lambda: None
     """Called after each cycle in which nothing was raised: a sign of life for whoever starts the device anew."""
+    map_walks: MapWalks = field(default_factory=NoMapWalks)
+    """What records a map walk while the state is *mapping*."""
 
 
 class DeviceAgent:
@@ -116,6 +121,7 @@ class DeviceAgent:
         self._frame_rate_hz = 0.0
         self._last_stamp_s: float | None = None
         self._quality = ""
+        self._maps = False
         self._buttons_gone = False
         self._disk = ThreadPoolExecutor(1, "disk")
         """Writes what must not hold up whoever is being led."""
@@ -209,6 +215,7 @@ class DeviceAgent:
         if self.screen is not None:
             self.screen.offer(cycle, self.state.settings)
         self._guarded("acting on the cycle", lambda: self._do_all(effects))
+        self._guarded("recording the map walk", lambda: self._follow_map_walk(cycle))
         try:
             self._report(cycle)
         except Exception:
@@ -228,6 +235,17 @@ class DeviceAgent:
         self.state = replace(self.state, load_level=level)
         _log.warning("%s %s", LOAD_TEXTS[level], as_text(self.monitor.summaries))
         self._parts.uplink.event(self._parts.clock.now_s(), "mode", LOAD_TEXTS[level])
+
+    def _follow_map_walk(self, cycle: Cycle) -> None:
+        """A map walk is recorded while, and only while, the state says so, whatever has led there or away."""
+        maps, walks = self.state.purpose is Mode.MAPPING, self._parts.map_walks
+        if maps and not self._maps:
+            walks.begin(self.state.settings)
+        if maps and cycle.frame is not None:
+            walks.take(cycle.frame)
+        if self._maps and not maps:
+            walks.end()
+        self._maps = maps
 
     def _guarded(self, what: str, work: Callable[[], None]) -> None:
         """Do what stands about the loop; where it raises, the walker is stopped, and the loop goes on."""
@@ -289,6 +307,8 @@ class DeviceAgent:
                 self._report_cues(self._voice.say(effect, self.state.settings, now_s))
             case SayAgain():
                 self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
+            case MarkPlace():
+                self._parts.map_walks.mark(effect.name)
             case Happened():
                 self._parts.uplink.event(now_s, effect.kind, effect.text)
             case SwapMap():

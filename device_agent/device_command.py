@@ -24,6 +24,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     """Add ``vbr device``."""
     parser = subparsers.add_parser("device", help="run the device agent: the process on the glasses")
     parser.add_argument("--site", type=Path, required=True, metavar="DIR", help="the map to walk in")
+    parser.add_argument(
+        "--without-map", action="store_true", help="begin off duty where DIR holds no map yet: to record the first one"
+    )
     parser.add_argument("--to", metavar="PLACE", help="lead to this place at once; ends there when no console is named")
     add_device_options(parser)
     parser.set_defaults(run=_run)
@@ -142,6 +145,7 @@ def device_options(arguments: argparse.Namespace) -> DeviceOptions:
         token=token,
         tls=read_ca_file(arguments.ca_file),
         changes=changes,
+        without_map=arguments.without_map,
         to=arguments.to,
         recording=arguments.recording,
         camera=named("camera", arguments.camera),

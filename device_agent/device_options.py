@@ -25,6 +25,8 @@ class DeviceOptions:
     tls: ssl.SSLContext | None = None
     changes: Mapping[str, SettingValue] = field(default_factory=dict)
     """Settings that differ from those that are kept."""
+    without_map: bool = False
+    """Begin without a map, off duty, where there is none yet: to record the first one."""
     to: str | None = None
     """A place to lead to at once."""
     recording: Path | None = None

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import threading
 import zlib
+from collections.abc import Callable
 from contextlib import ExitStack
+from dataclasses import replace
 
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
@@ -16,11 +18,12 @@ from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
-from device_agent.localization import make_localizer
+from device_agent.localization import NoMap, make_localizer
 from device_agent.logged_uplink import LoggedUplink
 from device_agent.logs import log_files
 from device_agent.map_download import staging_folder
-from device_agent.orders import Lead
+from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
+from device_agent.orders import Lead, Order
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
@@ -28,14 +31,18 @@ from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
-from device_agent.state import DeviceState
+from device_agent.state import DeviceState, MapWalkTold, Phrase
 from device_agent.warm_up import warm_up
 from navcore.calibration import Calibration
-from navcore.errors import SensorError, VbrError
+from navcore.cues.table import CueKind
+from navcore.errors import InputError, SensorError, VbrError
+from navcore.folder_swap import recover
 from navcore.modes import Mode
 from navcore.obstacle.scan import scan
+from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
-from navcore.site import map_checksum
+from navcore.site import Site, map_checksum
+from navcore.site_files import MANIFEST
 from navcore.types import Frame
 
 _LONGEST_STEP_CYCLES = 1.5
@@ -46,8 +53,8 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
     use_one_core()
     store = DeviceStore(options.state, options.site)
-    site = store.load_map()
-    goal = find_place(site.poi_graph, options.to) if options.to else None
+    site = _site(options, store)
+    goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
     store.prepare()
     settings, revision = store.load_settings()
     settings = settings.changed(options.changes)
@@ -62,12 +69,9 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         notifier = ServiceNotifier()
         stack.callback(notifier.stopping)
         hardware = open_hardware(options, settings, clock, stack)
-        localizer = make_localizer(site, hardware.camera.intrinsics, settings)
+        localizer = NoMap() if site is None else make_localizer(site, hardware.camera.intrinsics, settings)
         uplink = _uplink(options, store, real, stack)
-        state = DeviceState(
-            settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
-            promised_ready=True, calibration=calibration,
-        )  # fmt: skip
+        state = replace(_first_state(options, site, settings, revision), calibration=calibration)
         tap = _tap(options, stack)
         logged = LoggedUplink(RealTimeUplink(uplink, paced) if paced else uplink)
         parts = DeviceParts(
@@ -76,10 +80,15 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             # The simulated world waits for a slow loop.
             plans_load=not options.simulated,
         )  # fmt: skip
+        walks = _map_walks(options, hardware, lambda order: agent.submit(order))
+        stack.callback(walks.close)
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:
             tap.rehearsed(rehearsed)
-        agent = DeviceAgent(parts, state, localizer)
+        agent = DeviceAgent(replace(parts, map_walks=walks), state, localizer)
+        if site is None:
+            agent.submit(MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_none"),)))
+        walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
             uplink.start(agent)
@@ -90,6 +99,25 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
 
 
+def _site(options: DeviceOptions, store: DeviceStore) -> Site | None:
+    """Return the map to walk in; None where there is none and one is to be recorded. Raises SiteError, InputError."""
+    recover(options.site)
+    if not options.without_map or (options.site / MANIFEST).exists():
+        return store.load_map()
+    if options.to:
+        raise InputError("Nobody can be led where there is no map yet: leave --to out, and record a map walk first.")
+    return None
+
+
+def _first_state(options: DeviceOptions, site: Site | None, settings: Settings, revision: int) -> DeviceState:
+    if site is None:
+        return DeviceState(settings, PoiGraph(), settings_revision=revision, mode=Mode.OFF_DUTY)
+    return DeviceState(
+        settings, site.poi_graph, site.site_id, map_checksum(options.site), settings_revision=revision,
+        promised_ready=True,
+    )  # fmt: skip
+
+
 def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) -> Frame | None:
     """Work on one picture before anybody is led: the first one takes longer than the watchdog allows. Return it."""
     with contextlib.suppress(SensorError):
@@ -98,6 +126,11 @@ def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) 
         scan(frame.depth_m, hardware.camera.intrinsics, located.world_from_camera, settings.obstacle)
         return frame
     return None
+
+
+def _map_walks(options: DeviceOptions, hardware: Hardware, submit: Callable[[Order], None]) -> DeviceMapWalks:
+    plan = WalkPlan(options.state / "map-walks", options.site, owns_map=options.console_url is None)
+    return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
 
 
 def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:

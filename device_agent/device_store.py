@@ -20,6 +20,22 @@ from navcore.site import Site, load_site, save_poi_graph
 _log = logging.getLogger(__name__)
 
 
+def previous_site(site_folder: Path) -> Path:
+    """Return where the site that ran before the present one is kept."""
+    return site_folder.with_name(f".{site_folder.name}-previous")
+
+
+def restore_previous(site_folder: Path) -> None:
+    """Let present and previous map change places. Raises InputError where there is none, and OSError."""
+    previous, moved = previous_site(site_folder), site_folder.with_name(f".{site_folder.name}-restored")
+    if not moved.is_dir():
+        if not previous.is_dir():
+            raise InputError(f"No earlier map of {site_folder} is kept: build it again from its recording.")
+        os.replace(previous, moved)
+    # Where this was broken off before, it goes on from here.
+    swap_in(moved, site_folder, keep=previous)
+
+
 class DeviceStore:
     """The device's own folder, and its site folder."""
 
@@ -87,7 +103,7 @@ class DeviceStore:
     @property
     def previous_map(self) -> Path:
         """Where the map before the present one is kept."""
-        return self.site_folder.with_name(f".{self.site_folder.name}-previous")
+        return previous_site(self.site_folder)
 
     def swap_map(self, staging: Path) -> None:
         """Move a staged site into place, and keep the one before. Raises OSError or SiteError; the old one stays then.

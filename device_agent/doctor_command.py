@@ -33,7 +33,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     add_device_options(parser)
     parser.add_argument("--json", action="store_true", help="print the findings as JSON")
     parser.add_argument("--markdown", action="store_true", help="print the page of the docs instead")
-    parser.set_defaults(run=_run, to=None)
+    parser.set_defaults(run=_run, to=None, without_map=False)
 
 
 def _run(arguments: argparse.Namespace) -> int:

@@ -6,7 +6,7 @@ from navcore.settings import LocalizationSettings, Settings
 from navcore.site import Site
 from navcore.slam.localizer import Localizer
 from navcore.slam.slam_map import SlamMap
-from navcore.types import CameraIntrinsics, Frame, Localization
+from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
 
 
 class MapLocalizer:
@@ -31,6 +31,20 @@ class MapLocalizer:
         if settings.localization != self._settings:
             self._settings = settings.localization
             self._localizer = Localizer(self._map, self._intrinsics, self._settings)
+
+
+class NoMap:
+    """Stands in for a map that is still to be made: nowhere is known."""
+
+    def locate(self, frame: Frame) -> Localization:
+        """Return that the pose is lost."""
+        return Localization(frame.stamp_s, LocalizationQuality.LOST, None, None, 0)
+
+    def use_features(self, fraction: float) -> None:
+        """No feature is looked for."""
+
+    def apply(self, settings: Settings) -> None:
+        """Nothing hangs on settings here."""
 
 
 def make_localizer(site: Site, intrinsics: CameraIntrinsics, settings: Settings) -> MapLocalizer:

@@ -13,12 +13,14 @@ from device_agent.load_plan import LoadLevel
 from device_agent.motion import extended_trail
 from device_agent.mounting import expected_of, look_at_floor
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
-from device_agent.state import DeviceState, Effect, Happened
+from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
 from device_agent.transitions import happen, mode_event
 from device_agent.voice import Voice
 from device_agent.watchdog import is_fresh
 from device_agent.way import plan_if_needed
+from navcore.cues.table import CueKind
+from navcore.cues.texts import TEXTS
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
 from navcore.guide import guide
@@ -94,6 +96,8 @@ def run_stages(state: DeviceState, ports: Ports) -> Outcome:
             frame = ports.camera.read()
         if state.mode is Mode.OFF_DUTY:
             return _resting(state, ports, frame, times)
+        if state.purpose is Mode.MAPPING:
+            return _mapping(state, ports, frame, times)
         return _from_frame(state, ports, frame, times)
     except SensorError as error:
         why = str(error)
@@ -255,8 +259,7 @@ def _found(
     state: DeviceState, decided: Guidance, located: Localization, now_s: float, fresh_for_s: float
 ) -> tuple[DeviceState, tuple[Effect, ...]]:
     """Hand what this cycle has found to the state machine: whether all works, and whether the place is known."""
-    works = fresh_for_s >= SETTLED_AFTER_S
-    state, effects = happen(state, StateEvent.RECOVERED if works else StateEvent.FAILED, now_s)
+    state, effects = _health(state, now_s, fresh_for_s)
     if state.on_the_way:
         # Guidance carries an uncertain pose on for a while, and waits until a lost one is certain again.
         known = decided.reason is not Reason.POSE_LOST
@@ -266,6 +269,12 @@ def _found(
         known = located.quality is LocalizationQuality.LOCALIZED
     state, also = happen(state, StateEvent.POSE_FOUND if known else StateEvent.POSE_LOST, now_s)
     return state, (*effects, *also)
+
+
+def _health(state: DeviceState, now_s: float, fresh_for_s: float) -> Step:
+    """Hand to the state machine whether all has worked for long enough."""
+    works = fresh_for_s >= SETTLED_AFTER_S
+    return happen(state, StateEvent.RECOVERED if works else StateEvent.FAILED, now_s)
 
 
 def _as_allowed(state: DeviceState, guidance: Guidance) -> Guidance:
@@ -291,11 +300,30 @@ def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) 
     return state, Cycle(frame.stamp_s, guidance, cues=cues, stage_ms=times.stage_ms), ()
 
 
+def _mapping(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) -> Outcome:
+    """Whoever records a map sees for themselves: nobody is located, and nothing but *Stop* can be told."""
+    now_s = ports.clock.now_s()
+    state, found = _health(state, now_s, now_s - max(state.failed_s, ports.stale_s()))
+    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "a map is being recorded")
+    cues = ports.voice.tell(state, guidance, now_s)
+    back = (Happened("sensor", "The camera delivers again."), _to_helper(state, "map_picture", CueKind.MAP_NEWS))
+    effects = (*back, *found) if state.blind else found
+    state = replace(state, guidance=guidance, blind=False)
+    return state, Cycle(frame.stamp_s, guidance, frame, cues=cues, stage_ms=times.stage_ms), effects
+
+
+def _to_helper(state: DeviceState, key: str, kind: CueKind) -> Notice:
+    """Whoever records a map takes silence for *all is well*."""
+    return Notice(TEXTS[state.settings.cues.language][key], kind=kind)
+
+
 def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimer) -> Outcome:
     """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
     now_s = ports.clock.now_s()
     guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
-    told = () if state.blind else (Happened("sensor", why[:500]),)
+    told: tuple[Effect, ...] = () if state.blind else (Happened("sensor", why[:500]),)
+    if told and state.purpose is Mode.MAPPING:
+        told = (*told, _to_helper(state, "map_no_picture", CueKind.MAP_ADVICE))
     state, effects = happen(state, StateEvent.FAILED, now_s)
     cues = ports.voice.tell(state, guidance, now_s)
     state = replace(state, guidance=guidance, blind=True, failed_s=now_s, trail=(), located=None, fixes=())

@@ -36,6 +36,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     build.add_argument("--name", help="name of the site (default: that of the folder)")
     build.add_argument("--date", default="", help="when it was recorded, in whatever form")
     build.add_argument("--json", action="store_true", help="print the figures as JSON")
+    build.add_argument(
+        "--behind", action="store_true", help="give way to every other process, and print progress as lines of JSON"
+    )
     _add_settings(build)
     build.set_defaults(run=_build)
     map_growth_commands.add_actions(actions)
@@ -57,25 +60,27 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
 
 # -------------------------------------------------------------------------------------------------- map build
 def _build(arguments: argparse.Namespace) -> int:
-    from device_agent.progress import stage_bar
-    from device_agent.single_core import use_one_core
+    from device_agent.progress import stage_bar, stage_lines
+    from device_agent.single_core import give_way, use_one_core
     from navcore.recording import open_recording
     from navcore.settings import Settings, parse_assignment
     from navcore.site import prepare_site_folder, save_site
-    from navcore.site_building import build_site, default_name, figures
+    from navcore.site_building import build_site, default_name
 
     use_one_core()
+    if arguments.behind:
+        give_way()
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     recording = open_recording(arguments.source)
     true_trajectory = _true_trajectory(recording)
     prepare_site_folder(arguments.site)
     name = arguments.name or default_name(arguments.site)
     started_s = time.process_time()
-    with ThreadPoolExecutor(1) as executor, stage_bar() as progress:
+    with ThreadPoolExecutor(1) as executor, (stage_lines if arguments.behind else stage_bar)() as progress:
         site, built = build_site(recording, name, settings.localization, progress, arguments.date, executor=executor)
     took_s = time.process_time() - started_s
     save_site(site, arguments.site)
-    answer: dict[str, Any] = {**figures(built), "ms_per_frame": round(1e3 * took_s / len(recording), 2)}
+    answer: dict[str, Any] = {**site.report, "ms_per_frame": round(1e3 * took_s / len(recording), 2)}
     truth = _trajectory_error(
         true_trajectory, list(zip(built.slam_map.trajectory_stamp_s, built.slam_map.trajectory, strict=True))
     )
@@ -190,6 +195,8 @@ _BUILD_WORDS = {
     "road_m": "road, m",
     "cloud_points": "points of the cloud",
     "leveling": "levelling",
+    "places": "places with names",
+    "weak_m": "of the walk not seen well, m",
     "ms_per_frame": "computing time per frame, ms",
     "ate_rmse_m": "error against the ground truth (ATE RMSE), m",
     "ate_max_m": "largest error, m",

@@ -58,6 +58,26 @@ def add_actions(actions: argparse._SubParsersAction[argparse.ArgumentParser]) ->
     remove.add_argument("session", metavar="ID", help="its id, as `vbr map sessions` lists it")
     remove.add_argument("--json", action="store_true", help="print the figures as JSON")
     remove.set_defaults(run=_remove)
+    restore = actions.add_parser(
+        "restore",
+        help="put the device's map from before the last change back",
+        description="Put the map that ran on this device before the present one back in use, and keep the present one"
+        " in its place. Stop `vbr device` first.",
+    )
+    restore.add_argument("site", type=Path, metavar="SITE", help="the device's copy of the site's folder")
+    restore.set_defaults(run=_restore)
+
+
+def _restore(arguments: argparse.Namespace) -> int:
+    from device_agent.device_store import restore_previous
+    from navcore.errors import InputError
+
+    try:
+        restore_previous(arguments.site)
+    except OSError as error:
+        raise InputError(f"{arguments.site} cannot be restored ({error.strerror}): free the disk.") from error
+    sys.stdout.write(f"{arguments.site} is the map from before; running this again changes them back.\n")
+    return 0
 
 
 def add_session_options(parser: argparse.ArgumentParser) -> None:

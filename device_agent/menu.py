@@ -7,6 +7,7 @@ machine to say (:mod:`device_agent.states`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
@@ -26,11 +27,12 @@ OPEN_FOR_S = 30.0
 """The menu closes when nothing has been pressed for so long."""
 
 Browse = Literal["browse next", "browse previous", "browse", "change order"]
-Meaning = StateEvent | Browse
+Offer = Literal["offer a map walk"]
+Meaning = StateEvent | Browse | Offer
 
 MAIN_SHORT: dict[Mode, Meaning] = {
     Mode.OFF_DUTY: StateEvent.ON_DUTY,
-    Mode.MAPPING: StateEvent.PAUSE,
+    Mode.MAPPING: StateEvent.MARK,
     Mode.LOCALIZING: "browse",
     Mode.READY: "browse",
     Mode.GUIDING: StateEvent.PAUSE,
@@ -40,10 +42,14 @@ MAIN_SHORT: dict[Mode, Meaning] = {
 }
 """The main button, pressed shortly while no place is browsed; while one is, it chooses that place."""
 MAIN_LONG: dict[Mode, Meaning] = {
-    mode: StateEvent.OFF_DUTY if mode in (Mode.LOCALIZING, Mode.READY, Mode.ARRIVED) else StateEvent.STOP
-    for mode in MAIN_SHORT
+    **{
+        mode: StateEvent.OFF_DUTY if mode in (Mode.LOCALIZING, Mode.READY, Mode.ARRIVED) else StateEvent.STOP
+        for mode in MAIN_SHORT
+    },
+    Mode.OFF_DUTY: "offer a map walk",
 }
-"""The main button, held: it stops, and puts off duty whoever is not led. While a place is browsed, nobody led: it
+"""The main button, held: it stops, and puts off duty whoever is not led; off duty it offers a map walk, which *next*
+begins, and any other press does not: none begins by holding a button too long. While a place is browsed, nobody led: it
 closes the menu."""
 OTHERS: dict[tuple[Button, PressKind], Meaning] = {
     (Button.NEXT, PressKind.SHORT): "browse next",
@@ -66,7 +72,14 @@ def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
         state = replace(state, menu=None)
         if not state.leading:
             return state, (Notice(TEXTS[state.settings.cues.language]["menu_closed"], answers=True),)
+    is_offered = now_s <= state.map_offered_until_s
+    state = replace(state, map_offered_until_s=-math.inf)
+    if is_offered and (press.button, press.kind) == (Button.NEXT, PressKind.SHORT):
+        return _wish(state, StateEvent.MAP_BEGUN, now_s)
     meaning = meaning_of(state.purpose, press.button, press.kind)
+    if meaning == "offer a map walk":
+        text = TEXTS[state.settings.cues.language]["map_offered"]
+        return replace(state, map_offered_until_s=now_s + OPEN_FOR_S), (Notice(text, answers=True),)
     if isinstance(meaning, StateEvent):
         return _wish(state, meaning, now_s)
     if not _may_choose(state):

@@ -13,6 +13,7 @@ from device_agent.state import (
     DeviceState,
     Effect,
     Happened,
+    MapWalkTold,
     Notice,
     PreparedMap,
     Step,
@@ -49,12 +50,12 @@ class Lead:
     poi_id: str
 
 
-Order = ConsoleMessage | PreparedMap | Lead | ButtonPress
+Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
 """What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
 
 
-def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, now_s: float) -> Step:
+def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkTold | Lead, now_s: float) -> Step:
     """Return the state after an order, and what is to be done."""
     match order:
         case Lead():
@@ -75,6 +76,8 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | Lead, no
             return _apply_settings(state, order)
         case PublishGraph():
             return _publish(state, order.graph)
+        case MapWalkTold():
+            return _told(state, order, now_s)
         case PreparedMap():
             told = (MapRunning(state.map_checksum, waiting_checksum=order.checksum),) if state.uses_its_map else ()
             return replace(state, waiting_map=order), told
@@ -97,11 +100,29 @@ def at_rest(state: DeviceState) -> Step:
             located=None, fixes=(), sure=None,
         )  # fmt: skip
         effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
+        if prepared.told is not None:
+            effects += _words_of(state, prepared.told)
     if state.waiting_graph is not None:
         graph = state.waiting_graph
         state = replace(state, waiting_graph=None, graph=graph, blocked=())
         effects += [StoreGraph(graph), GraphRunning(graph.version)]
     return state, tuple(effects)
+
+
+def _told(state: DeviceState, told: MapWalkTold, now_s: float) -> Step:
+    effects = _words_of(state, told)
+    if not told.failed:
+        return state, effects
+    state, also = happen(state, StateEvent.MAP_FAILED, now_s)
+    return state, (*effects, *also)
+
+
+def _words_of(state: DeviceState, told: MapWalkTold) -> tuple[Effect, ...]:
+    """Nobody who is led is talked to about maps; the console hears of it in any case."""
+    happened = Happened("mode", told.text("en"))
+    if state.leading:
+        return (happened,)
+    return Notice(told.text(state.settings.cues.language), kind=told.kind), happened
 
 
 def _apply_settings(state: DeviceState, order: ApplySettings) -> Step:

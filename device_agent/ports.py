@@ -134,6 +134,31 @@ class Buttons(Protocol):
     def close(self) -> None: ...
 
 
+class MapWalks(Protocol):
+    """Records map walks, advises on the way, and has maps built. No method waits for the disk or for computing.
+
+    What is to be said, and finished maps, come to the agent as orders.
+    """
+
+    def begin(self, settings: Settings) -> None:
+        """Begin to record a walk."""
+        ...
+
+    def take(self, frame: Frame) -> None:
+        """Record a frame of the walk; it is written within a second."""
+        ...
+
+    def mark(self, name: str) -> None:
+        """Note that a place was named where the last frame was taken."""
+        ...
+
+    def end(self) -> None:
+        """End the walk: complete its recording, and have its map built or handed over."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class LocalizerPort(Protocol):
     """Finds the camera in the pre-built map (navcore.slam.localizer, or a fake)."""
 

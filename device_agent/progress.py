@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -23,6 +25,24 @@ def stage_bar() -> Iterator[Callable[[float, str], None]]:
     with _bar() as progress:
         task = progress.add_task("Starting", total=1.0)
         yield lambda share, text: progress.update(task, completed=share, description=text)
+
+
+@contextmanager
+def stage_lines() -> Iterator[Callable[[float, str], None]]:
+    """Print each new percent as a line of JSON on stdout while the body runs: for another program.
+
+    Nobody reads them any more where that program has ended; printing them raises BrokenPipeError then, which ends this.
+    """
+    last = -1
+
+    def progress(share: float, text: str) -> None:
+        nonlocal last
+        if (percent := int(100 * share)) > last:
+            last = percent
+            sys.stdout.write(json.dumps({"percent": percent, "stage": text}) + "\n")
+            sys.stdout.flush()
+
+    yield progress
 
 
 def _bar() -> Progress:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import os
+from pathlib import Path
 
 import cv2
 import numba
@@ -18,6 +21,13 @@ def use_one_core() -> None:
     numba.config.THREADING_LAYER = "workqueue"  # type: ignore[attr-defined]  # set by name in Numba
     numba.set_num_threads(1)
     _keep_one_heap()
+
+
+def give_way() -> None:
+    """Compute only when nobody else wants to, and be the first to go where memory runs out: guidance comes first."""
+    os.nice(19)
+    with contextlib.suppress(OSError):
+        Path("/proc/self/oom_score_adj").write_text("1000", encoding="ascii")
 
 
 def _keep_one_heap() -> None:

@@ -10,6 +10,8 @@ from typing import Literal
 from device_agent.load_plan import LoadLevel
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
 from navcore.calibration import Calibration
+from navcore.cues.table import CueKind
+from navcore.cues.texts import TEXTS, Language
 from navcore.modes import Mode
 from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.memory import ObstacleMemory
@@ -26,6 +28,29 @@ TrailPoint = tuple[float, float, float]
 """Stamp (s), x and y (m) of the walker."""
 
 
+@dataclass(frozen=True, slots=True)
+class Phrase:
+    """A text of :data:`navcore.cues.texts.TEXTS`, and what is put into it."""
+
+    key: str
+    values: dict[str, int | str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class MapWalkTold:
+    """What a map walk, or the building of its map, has to say: put into words in the language that is spoken then."""
+
+    kind: CueKind
+    phrases: tuple[Phrase, ...]
+    failed: bool = False
+    """Recording has ended by itself."""
+
+    def text(self, language: Language) -> str:
+        """Return it in words."""
+        between = "" if language == "zh" else " "
+        return between.join(TEXTS[language][each.key].format(**each.values) for each in self.phrases)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class PreparedMap:
     """A new map that is loaded and ready, but not swapped in yet."""
@@ -34,6 +59,8 @@ class PreparedMap:
     checksum: str
     site: Site
     localizer: LocalizerPort
+    told: MapWalkTold | None = None
+    """What is said once it is in use."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +132,10 @@ class DeviceState:
     """When the walker was told that the way is blocked and that there is no other; None once they walk again."""
     way_finder: WayFinder | None = None
     """Made for the graph when it is first planned in; another graph needs another one."""
+    map_offered_until_s: float = -math.inf
+    """Until when a press of *next* begins a map walk."""
+    mark_count: int = 0
+    """Places that were marked in this map walk, or in the last one."""
     blind: bool = False
     """The camera gave nothing in the last cycle."""
     deaf: bool = False
@@ -159,6 +190,15 @@ class Notice:
     text: str
     answers: bool = False
     """It answers a button, or tells of an order: not said again where an instruction cuts it off."""
+    kind: CueKind | None = None
+    """What kind of cue it is, where it is neither an answer nor a message."""
+
+
+@dataclass(frozen=True, slots=True)
+class MarkPlace:
+    """A place is to be noted in the map walk, where the last frame was taken."""
+
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -199,6 +239,6 @@ class SwapMap:
     prepared: PreparedMap
 
 
-Effect = KeptMessage | Notice | SayAgain | Happened | StoreGraph | StoreSettings | SwapMap
+Effect = KeptMessage | Notice | SayAgain | MarkPlace | Happened | StoreGraph | StoreSettings | SwapMap
 """What a step asks the agent to do in the world."""
 Step = tuple[DeviceState, tuple[Effect, ...]]

@@ -26,7 +26,9 @@ class StateEvent(enum.Enum):
     REPEAT = "repeat"
     WHERE = "where am I"
     MAP_BEGUN = "map walk begun"
+    MARK = "place marked"
     MAP_ENDED = "map walk ended"
+    MAP_FAILED = "map walk failed"
     POSE_FOUND = "position found"
     POSE_LOST = "position lost"
     ARRIVED = "destination reached"
@@ -44,8 +46,10 @@ EVENT_SOURCES: dict[StateEvent, str] = {
     StateEvent.RESUME: "button, or console (Resume)",
     StateEvent.REPEAT: "button, or console (Repeat)",
     StateEvent.WHERE: "button",
-    StateEvent.MAP_BEGUN: "nothing yet: recording a map walk on the device is still to come",
-    StateEvent.MAP_ENDED: "nothing yet, as above; *stop* ends a map walk as well",
+    StateEvent.MAP_BEGUN: "button: *next*, after a map walk was offered",
+    StateEvent.MARK: "button",
+    StateEvent.MAP_ENDED: "nothing by itself: *stop* ends a map walk",
+    StateEvent.MAP_FAILED: "recording: the disk is full, or takes nothing",
     StateEvent.POSE_FOUND: "localization is sure; of whoever is led: guidance knows again where they are",
     StateEvent.POSE_LOST: "localization is lost; of whoever is led: guidance holds them, not knowing where they are",
     StateEvent.ARRIVED: "guidance: the destination is near (Eq. 2, case 3)",
@@ -58,7 +62,8 @@ EVENT_SOURCES: dict[StateEvent, str] = {
 WISHES = frozenset(
     {
         StateEvent.ON_DUTY, StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.STOP, StateEvent.PAUSE,
-        StateEvent.RESUME, StateEvent.REPEAT, StateEvent.WHERE, StateEvent.MAP_BEGUN, StateEvent.MAP_ENDED,
+        StateEvent.RESUME, StateEvent.REPEAT, StateEvent.WHERE, StateEvent.MAP_BEGUN, StateEvent.MARK,
+        StateEvent.MAP_ENDED,
     }
 )  # fmt: skip
 """What a person asks for: only this is ever refused. The other events are findings."""
@@ -77,6 +82,8 @@ class StateAction(enum.Enum):
     SAY_READY = "say *Ready*, where that was promised"
     REPEAT = "say the last sentence again, where it is still true; else say the state"
     TELL_WHERE = "say where the walker is"
+    BEGIN_MAP = "forget destination and route, and what was seen before; record from now on"
+    MARK = "note the place with the next number"
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,12 +139,12 @@ _NOBODY_LED = (
     | _refusals(
         on_duty=(StateEvent.ON_DUTY,),
         not_led=(StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME),
-        no_map_walk=(StateEvent.MAP_ENDED,),
+        no_map_walk=(StateEvent.MARK, StateEvent.MAP_ENDED),
     )
     | {
         StateEvent.OFF_DUTY: Transition(Mode.OFF_DUTY, StateAction.END_WAY, "off_duty"),
         StateEvent.DESTINATION: Transition(Mode.GUIDING, StateAction.SET_OUT, "destination"),
-        StateEvent.MAP_BEGUN: Transition(Mode.MAPPING, StateAction.END_WAY, "map_begun"),
+        StateEvent.MAP_BEGUN: Transition(Mode.MAPPING, StateAction.BEGIN_MAP, "map_begun"),
     }
 )  # fmt: skip
 _LED = (
@@ -146,7 +153,7 @@ _LED = (
         on_duty=(StateEvent.ON_DUTY,),
         led=(StateEvent.OFF_DUTY, StateEvent.MAP_BEGUN),
         not_paused=(StateEvent.RESUME,),
-        no_map_walk=(StateEvent.MAP_ENDED,),
+        no_map_walk=(StateEvent.MARK, StateEvent.MAP_ENDED),
     )
     | {StateEvent.PAUSE: Transition(Mode.PAUSED)}
 )  # fmt: skip
@@ -158,12 +165,12 @@ STATES: dict[Mode, StateEntry] = {
         | _refusals(
             off_duty=(
                 StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME,
-                StateEvent.WHERE, StateEvent.MAP_ENDED,
+                StateEvent.WHERE, StateEvent.MARK, StateEvent.MAP_ENDED,
             ),
         )
         | {
             StateEvent.ON_DUTY: Transition(Mode.LOCALIZING, StateAction.LOOK, "on_duty"),
-            StateEvent.MAP_BEGUN: Transition(Mode.MAPPING, StateAction.LOOK, "map_begun"),
+            StateEvent.MAP_BEGUN: Transition(Mode.MAPPING, StateAction.BEGIN_MAP, "map_begun"),
         },
     ),
     Mode.MAPPING: StateEntry(
@@ -178,6 +185,8 @@ STATES: dict[Mode, StateEntry] = {
         | {
             StateEvent.STOP: Transition(Mode.LOCALIZING, StateAction.LOOK, "map_ended"),
             StateEvent.MAP_ENDED: Transition(Mode.LOCALIZING, StateAction.LOOK, "map_ended"),
+            StateEvent.MAP_FAILED: Transition(Mode.LOCALIZING, StateAction.LOOK),
+            StateEvent.MARK: Transition(action=StateAction.MARK),
         },
     ),
     Mode.LOCALIZING: StateEntry(

@@ -27,11 +27,6 @@ def states_markdown() -> str:
         *_actions(),
         *_buttons(),
         *_laws(),
-        "## Not wired yet",
-        "",
-        "- *Mapping* can be entered by nothing yet: recording a map walk on the device is still to come. A recording",
-        "  is made into a map by `vbr map build`.",
-        "",
     ]
     return "\n".join(lines).rstrip() + "\n"
 
@@ -150,6 +145,9 @@ def _buttons() -> list[str]:
     ]
     lines += [f"| {mode.value} | {_meaning(MAIN_SHORT[mode])} | {_meaning(MAIN_LONG[mode])} |" for mode in MAIN_SHORT]
     lines += [
+        "",
+        "Off duty, *main* held asks whether a sighted person wants to record a map; *next* within half a minute begins",
+        f"the [map walk](map_walk.md), and any other press does not. In `{Mode.MAPPING.value}` nobody is led.",
         "",
         "In a fault, they mean what they mean in the state before it. In `vbr demo`, and with `--buttons keyboard`:",
         "",

@@ -9,7 +9,7 @@ import enum
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from device_agent.state import DeviceState, Effect, Happened, Notice, SayAgain, Step
+from device_agent.state import DeviceState, Effect, Happened, MarkPlace, Notice, SayAgain, Step
 from device_agent.states import StateAction, StateEvent, Transition, answer
 from device_agent.whereabouts import mode_text, whereabouts
 from navcore.cues.texts import TEXTS
@@ -158,6 +158,18 @@ def _tell_where(state: DeviceState, case: _Case) -> Step:
     return state, (Notice(whereabouts(state, case.now_s), answers=True),)
 
 
+def _begin_map(state: DeviceState, case: _Case) -> Step:
+    state, effects = _end_way(_unseen(state), case)
+    return replace(state, mark_count=0), effects
+
+
+def _mark(state: DeviceState, case: _Case) -> Step:
+    number = state.mark_count + 1
+    texts = TEXTS[state.settings.cues.language]
+    said = Notice(texts["map_marked"].format(number=number), answers=True)
+    return replace(state, mark_count=number), (said, MarkPlace(texts["map_place"].format(number=number)))
+
+
 def _unseen(state: DeviceState) -> DeviceState:
     """Forget what was seen where the walker may no longer be."""
     return replace(
@@ -177,4 +189,6 @@ _ACTIONS: dict[StateAction, Act] = {
     StateAction.ARRIVE: _arrive,
     StateAction.REPEAT: _repeat,
     StateAction.TELL_WHERE: _tell_where,
+    StateAction.BEGIN_MAP: _begin_map,
+    StateAction.MARK: _mark,
 }

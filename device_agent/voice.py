@@ -62,7 +62,7 @@ class Voice:
 
     def say(self, notice: Notice, settings: Settings, now_s: float) -> tuple[Cue, ...]:
         """Speak a sentence as soon as nothing more important is heard; return what is played now."""
-        kind = CueKind.ANSWER if notice.answers else CueKind.MESSAGE
+        kind = notice.kind or (CueKind.ANSWER if notice.answers else CueKind.MESSAGE)
         cues, self._memory = say(notice.text, self._memory, settings, now_s, kind)
         return self._played(cues, now_s)
 

@@ -126,6 +126,14 @@ def _read_pictures(folder: Path, path: Path) -> tuple[FisheyePicture, ...]:
     return tuple(pictures)
 
 
+def write_fisheye_picture(folder: Path, image: FisheyeImage) -> str:
+    """Write a fisheye picture into a recording; return its line of ``fisheye.txt``. Raises OSError."""
+    name = f"{image.stamp_s:.6f}"
+    grey = cv2.imencode(".jpg", image.grey, [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+    (folder / "fisheye" / f"{name}.jpg").write_bytes(grey.tobytes())
+    return f"{name} fisheye/{name}.jpg\n"
+
+
 class FisheyeWriter:
     """Writes the fisheye part of a recording; ``close`` writes its tables."""
 
@@ -137,18 +145,16 @@ class FisheyeWriter:
 
     def add(self, image: FisheyeImage) -> None:
         """Write one picture."""
-        name = f"{image.stamp_s:.6f}"
-        cv2.imwrite(str(self._folder / "fisheye" / f"{name}.jpg"), image.grey, [cv2.IMWRITE_JPEG_QUALITY, 95])
-        self._lines.append(f"{name} fisheye/{name}.jpg\n")
+        self._lines.append(write_fisheye_picture(self._folder, image))
 
     def close(self) -> None:
         """Write calibration and table, where there were pictures."""
         if self._lines:
-            (self._folder / "fisheye_calib.txt").write_text(_calibration_text(self._camera), encoding="utf-8")
+            (self._folder / "fisheye_calib.txt").write_text(fisheye_calibration_text(self._camera), encoding="utf-8")
             (self._folder / "fisheye.txt").write_text("".join(self._lines), encoding="utf-8")
 
 
-def _calibration_text(camera: FisheyeCamera) -> str:
+def fisheye_calibration_text(camera: FisheyeCamera) -> str:
     """Return what ``fisheye_calib.txt`` says of a camera."""
     lens, mounting = camera.intrinsics, camera.fisheye_from_camera
     max_angle_deg = math.degrees(lens.max_angle_rad)

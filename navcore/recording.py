@@ -257,6 +257,33 @@ def write_trajectory(path: Path, stamped_poses: Iterable[tuple[float, Transform]
             out.write(f"{stamp_s:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n")
 
 
+def write_pictures(folder: Path, frame: Frame, depth_factor: float) -> str:
+    """Write a frame's two pictures into a recording; return its line of ``associations.txt``. Raises OSError."""
+    name = f"{frame.stamp_s:.6f}"
+    colour = cv2.imencode(".jpg", frame.colour_rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95])[1]
+    depth = cv2.imencode(".png", units_from_depth(frame.depth_m, depth_factor), [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+    (folder / "rgb" / f"{name}.jpg").write_bytes(colour.tobytes())
+    (folder / "depth" / f"{name}.png").write_bytes(depth.tobytes())
+    return f"{name} rgb/{name}.jpg {name} depth/{name}.png\n"
+
+
+def calibration_text(camera: CameraIntrinsics, depth_factor: float) -> str:
+    """Return what ``calib.txt`` says of a camera."""
+    lines = [f"fx {camera.fx_px!r}", f"fy {camera.fy_px!r}", f"cx {camera.cx_px!r}", f"cy {camera.cy_px!r}"]
+    lines += [f"{name} {value!r}" for name, value in zip(_DISTORTION_NAMES, camera.distortion, strict=False)]
+    return "\n".join([*lines, f"depth_factor {depth_factor!r}"]) + "\n"
+
+
+def gravity_line(stamp_s: float, gravity: FloatArray) -> str:
+    """Return the line of ``gravity.txt`` for a unit vector (3,)."""
+    return f"{stamp_s:.6f} " + " ".join(f"{value:.6f}" for value in gravity) + "\n"
+
+
+def mark_line(mark: Mark) -> str:
+    """Return the line of ``marks.txt``."""
+    return f"{mark.stamp_s:.6f} {mark.kind} {mark.name}\n"
+
+
 class RecordingWriter:
     """Writes frames as a recording; ``close`` writes the tables, so an interrupted recording is seen as such."""
 
@@ -280,18 +307,9 @@ class RecordingWriter:
 
     def add(self, frame: Frame, world_from_camera: Transform | None = None) -> None:
         """Write one frame, and its true pose where it is known (a simulator's, a motion-capture system's)."""
-        name = f"{frame.stamp_s:.6f}"
-        cv2.imwrite(
-            str(self._folder / "rgb" / f"{name}.jpg"), frame.colour_rgb[:, :, ::-1], [cv2.IMWRITE_JPEG_QUALITY, 95]
-        )
-        cv2.imwrite(
-            str(self._folder / "depth" / f"{name}.png"),
-            units_from_depth(frame.depth_m, self._depth_factor),
-            [cv2.IMWRITE_PNG_COMPRESSION, 1],
-        )
-        self._lines.append(f"{name} rgb/{name}.jpg {name} depth/{name}.png\n")
+        self._lines.append(write_pictures(self._folder, frame, self._depth_factor))
         if frame.gravity is not None:
-            self._gravity.append(f"{name} " + " ".join(f"{value:.6f}" for value in frame.gravity) + "\n")
+            self._gravity.append(gravity_line(frame.stamp_s, frame.gravity))
         if self._fisheye is not None and frame.fisheye is not None:
             self._fisheye.add(frame.fisheye)
         if world_from_camera is not None:
@@ -303,18 +321,15 @@ class RecordingWriter:
 
     def close(self) -> None:
         """Write calibration, associations and, where poses were given, the ground truth."""
-        camera = self._intrinsics
-        lines = [f"fx {camera.fx_px!r}", f"fy {camera.fy_px!r}", f"cx {camera.cx_px!r}", f"cy {camera.cy_px!r}"]
-        lines += [f"{name} {value!r}" for name, value in zip(_DISTORTION_NAMES, camera.distortion, strict=False)]
-        lines.append(f"depth_factor {self._depth_factor!r}")
-        (self._folder / "calib.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
+        calibration = calibration_text(self._intrinsics, self._depth_factor)
+        (self._folder / "calib.txt").write_text(calibration, encoding="utf-8")
         (self._folder / "associations.txt").write_text("".join(self._lines), encoding="utf-8")
         if self._fisheye is not None:
             self._fisheye.close()
         if self._gravity:
             (self._folder / "gravity.txt").write_text("".join(self._gravity), encoding="utf-8")
         if self._marks:
-            marks = "".join(f"{mark.stamp_s:.6f} {mark.kind} {mark.name}\n" for mark in self._marks)
+            marks = "".join(mark_line(mark) for mark in self._marks)
             (self._folder / "marks.txt").write_text(marks, encoding="utf-8")
         if self._truth:
             write_trajectory(self._folder / "groundtruth.txt", self._truth, "world from camera")

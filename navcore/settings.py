@@ -192,6 +192,38 @@ class CueSettings(_Group):
     """An obstacle nearer than this is heard as a beep."""
 
 
+class MapWalkSettings(_Group):
+    """Map walk."""
+
+    build_here: bool = _setting(True, source="design")
+    """Whether the device builds the map of a map walk itself. Otherwise, and wherever a console is named, which owns
+    the map, the recording is left for the console's machine."""
+    turn_in_1_s_deg: float = _setting(75.0, 30.0, 180.0, step=5.0, source="motion blur; overlap of frames")
+    """Whoever turns faster is asked to slow down."""
+    way_in_1_s_m: float = _setting(1.6, 0.5, 3.0, step=0.1, source="brisk walking")
+    """Whoever walks faster is asked to slow down."""
+    look_down_deg: float = _setting(45.0, 25.0, 80.0, step=5.0, source="design")
+    """A camera that points farther down than this looks at the floor."""
+    look_up_deg: float = _setting(30.0, 10.0, 80.0, step=5.0, source="design")
+    """A camera that points farther up than this looks at the ceiling."""
+    far_m: float = _setting(2.0, 1.0, 4.0, step=0.1, source="design")
+    """What is nearer than this tells little about where one is."""
+    far_fraction: float = _setting(0.1, 0.0, 0.5, step=0.05, source="design")
+    """Share of the depth image that must be farther than that."""
+    landmarks_count: int = _setting(60, 20, 300, step=10, source="ORB-SLAM2; closed-loop trials")
+    """A stretch with fewer landmarks in view is weak."""
+    valid_depth_fraction: float = _setting(0.3, 0.05, 0.9, step=0.05, source="design")
+    """A stretch with less of the depth image measured is weak."""
+    dark_fraction: float = _setting(0.08, 0.01, 0.5, step=0.01, source="design")
+    """A picture with a mean brightness below this is too dark."""
+    flat_fraction: float = _setting(0.03, 0.01, 0.2, step=0.01, source="design")
+    """A picture whose brightness varies by less than this shows nothing."""
+    covered_fraction: float = _setting(0.05, 0.0, 0.3, step=0.01, source="design")
+    """A camera that measures less of its depth image than this, and shows nothing, is covered."""
+    repeat_s: float = _setting(10.0, 5.0, 60.0, step=1.0, source="design")
+    """Time before the same advice is given again."""
+
+
 class WatchdogSettings(_Group):
     """Watchdog."""
 
@@ -239,6 +271,7 @@ class Settings(BaseModel):
     cues: CueSettings = CueSettings()
     watchdog: WatchdogSettings = WatchdogSettings()
     deadlines: DeadlineSettings = DeadlineSettings()
+    map_walk: MapWalkSettings = MapWalkSettings()
 
     def values(self) -> dict[str, SettingValue]:
         """Return every setting as ``group.name`` and value."""

@@ -6,9 +6,11 @@ import hashlib
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from navcore.live_recording import COVERAGE_FILE
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark, Recording, read_marks
@@ -17,6 +19,7 @@ from navcore.site import Site
 from navcore.site_growth import recording_session
 from navcore.slam.map_build import MapBuild, Progress, build_map
 from navcore.tagging import graph_from_marks
+from navcore.weak_stretches import Trouble, read_coverage, weak_stretches
 
 
 def build_site(
@@ -35,7 +38,9 @@ def build_site(
     """
     marks = read_marks(recording.folder / "marks.txt")
     session = recording_session(recording, default_name(recording.folder), date)
+    troubles = read_coverage(recording.folder / COVERAGE_FILE)
     built = build_map(recording, settings.feature_count, progress, executor=executor)
+    graph = _named_places(marks, built)
     site = Site(
         site_id=_site_id(built),
         name=name,
@@ -44,8 +49,8 @@ def build_site(
         roads_m=built.roads_m,
         cloud_points_m=built.cloud.points_m,
         cloud_colours_rgb=built.cloud.colours_rgb,
-        poi_graph=_named_places(marks, built),
-        report=figures(built),
+        poi_graph=graph,
+        report=figures(built) | _walk_figures(graph, troubles, built),
         sessions=(session,),
         cloud_weights=built.cloud.weights,
         cloud_view_counts=built.cloud.view_counts,
@@ -73,6 +78,26 @@ def figures(built: MapBuild) -> dict[str, float | int | str]:
         "road_m": round(built.road_length_m, 2),
         "cloud_points": len(built.cloud),
         "leveling": built.level_map.leveling.note,
+    }
+
+
+def _walk_figures(graph: PoiGraph, troubles: Sequence[Trouble], built: MapBuild) -> dict[str, Any]:
+    """Return what else a person wants to know: how many places have names, and where the walk was not seen well."""
+    slam_map = built.slam_map
+    stretches = weak_stretches(troubles, slam_map.trajectory_stamp_s, slam_map.trajectory[:, :3, 3])
+    return {
+        "places": sum(poi.kind != "junction" for poi in graph.pois.values()),
+        "weak_m": round(sum(stretch.length_m for stretch in stretches), 1),
+        "weak_stretches": [
+            {
+                "from_m": round(stretch.from_m, 1),
+                "length_m": round(stretch.length_m, 1),
+                "x_m": round(stretch.x_m, 2),
+                "y_m": round(stretch.y_m, 2),
+                "kinds": list(stretch.kinds),
+            }
+            for stretch in stretches
+        ],
     }
 
 

@@ -20,6 +20,8 @@ from navcore.types import Reason
 NEEDED_TO_BE_SAFE = {
     CueKind.STOP, CueKind.ARRIVED, CueKind.OBSTACLE_BEEP, CueKind.TURN, CueKind.WALK, CueKind.STEER, CueKind.TICK,
     CueKind.HAZARD_AHEAD, CueKind.MESSAGE, CueKind.ANSWER,
+    # Of a map walk; to the sighted, but whoever is led later walks by its map.
+    CueKind.MAP_ADVICE, CueKind.MAP_NEWS,
 }  # fmt: skip
 
 

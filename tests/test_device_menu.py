@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -11,7 +12,7 @@ from device_hall import Rig
 
 from device_agent.menu import MAIN_LONG, MAIN_SHORT, OPEN_FOR_S, OTHERS, places, pressed
 from device_agent.ports import Button, ButtonPress, PressKind
-from device_agent.state import DeviceState, Happened, Notice, SayAgain, Step
+from device_agent.state import DeviceState, Happened, MarkPlace, Notice, SayAgain, Step
 from device_agent.states import StateEvent
 from device_agent.way import plan_if_needed
 from device_agent.whereabouts import whereabouts
@@ -174,6 +175,9 @@ def test_every_press_is_answered_in_every_state() -> None:
 
 def test_held_main_stops_whoever_is_led_and_puts_off_duty_whoever_is_not() -> None:
     for mode, purpose in MAIN_LONG.items():
+        if mode is Mode.OFF_DUTY:
+            # There it offers a map walk.
+            continue
         assert purpose is (
             StateEvent.OFF_DUTY if mode in (Mode.READY, Mode.LOCALIZING, Mode.ARRIVED) else StateEvent.STOP
         )
@@ -335,3 +339,33 @@ def test_a_button_pressed_while_the_camera_is_dead_is_answered_and_holds_afterwa
     rig.spoil = good
     assert {cycle.guidance.action for cycle in rig.cycles(30)} == {Action.STOP}
     assert rig.agent.state.mode is Mode.READY
+
+
+# ------------------------------------------------------------------------------------------------------ map walks
+def test_a_map_walk_begins_with_next_after_it_was_offered_and_with_nothing_else() -> None:
+    offered = press(standing(Mode.OFF_DUTY), Button.MAIN, PressKind.LONG)
+    assert heard(offered) == ["Does a sighted person want to record a map? Press next to begin."]
+    begun, effects = press(offered[0], Button.NEXT)
+    assert begun.mode is Mode.MAPPING
+    assert heard((begun, effects)) == ["The map walk begins."]
+    for button, kind in itertools.product(Button, PressKind):
+        if (button, kind) == (Button.NEXT, PressKind.SHORT):
+            continue
+        between, _ = press(offered[0], button, kind)
+        assert between.mode is not Mode.MAPPING
+        if (button, kind) != (Button.MAIN, PressKind.LONG):
+            assert press(between, Button.NEXT)[0].mode is not Mode.MAPPING, "another press has closed the offer"
+    late, _ = press(offered[0], Button.NEXT, now_s=OPEN_FOR_S + 0.1)
+    assert late.mode is Mode.OFF_DUTY
+    assert press(standing(Mode.OFF_DUTY), Button.NEXT)[0].mode is Mode.OFF_DUTY, "it was not offered"
+
+
+def test_places_are_counted_anew_in_each_map_walk() -> None:
+    state = replace(standing(Mode.OFF_DUTY), mark_count=7, map_offered_until_s=1.0)
+    state, _ = press(state, Button.NEXT)
+    for number in (1, 2):
+        state, effects = press(state, Button.MAIN)
+        assert heard((state, effects)) == [f"Place {number} is marked."]
+        assert MarkPlace(f"Place {number}") in effects
+    state, _ = press(state, Button.MAIN, PressKind.LONG)
+    assert state.mode is Mode.LOCALIZING

@@ -52,6 +52,25 @@ class FakeCamera:
         self._closed = True
 
 
+class NoMapWalks:
+    """Records nothing: in a replay, what was said of a map walk comes from the recording."""
+
+    def begin(self, settings: Settings) -> None:
+        """Do nothing."""
+
+    def take(self, frame: Frame) -> None:
+        """Do nothing."""
+
+    def mark(self, name: str) -> None:
+        """Do nothing."""
+
+    def end(self) -> None:
+        """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
 class FakeWideCamera:
     """A fisheye camera that is fed: each entry is a picture, or the error that reading it raises."""
 

@@ -10,7 +10,7 @@ import msgspec
 from device_agent.load_plan import LoadLevel
 from device_agent.orders import Lead, Order
 from device_agent.ports import ButtonPress, Clock, CueOutput, DepthCamera, LocalizerPort, Sonar
-from device_agent.state import DeviceState, PreparedMap
+from device_agent.state import DeviceState, MapWalkTold, PreparedMap
 from device_agent.voice import VoiceMemory
 from navcore import wire
 from navcore.cues.table import Cue
@@ -60,12 +60,13 @@ class MapTaken(msgspec.Struct, frozen=True):
     site_id: str
     name: str
     graph: PoiGraph
+    told: MapWalkTold | None = None
 
     @staticmethod
     def of(prepared: PreparedMap) -> MapTaken:
         """Return what is noted of a map."""
         site = prepared.site
-        return MapTaken(prepared.checksum, site.site_id, site.name, site.poi_graph)
+        return MapTaken(prepared.checksum, site.site_id, site.name, site.poi_graph, prepared.told)
 
 
 class OrderTaken(msgspec.Struct, frozen=True):
@@ -77,6 +78,7 @@ class OrderTaken(msgspec.Struct, frozen=True):
     map: MapTaken | None = None
     lead: Lead | None = None
     press: ButtonPress | None = None
+    told: MapWalkTold | None = None
     """None of them where an order of this kind cannot be noted: nothing after it can be replayed."""
 
     @staticmethod
@@ -89,6 +91,8 @@ class OrderTaken(msgspec.Struct, frozen=True):
             return OrderTaken(kind, lead=order)
         if isinstance(order, ButtonPress):
             return OrderTaken(kind, press=order)
+        if isinstance(order, MapWalkTold):
+            return OrderTaken(kind, told=order)
         return OrderTaken(kind, wire.encode(order) if isinstance(order, wire.ConsoleMessage) else None)
 
 

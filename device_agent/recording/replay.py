@@ -187,7 +187,7 @@ class _Run:
     def _order(self, order: OrderTaken) -> Order:
         if order.message is not None:
             return decode_from_console(order.message)
-        if (local := order.lead or order.press) is not None:
+        if (local := order.lead or order.press or order.told) is not None:
             return local
         if order.map is None:
             raise InputError(f"An order of the kind {order.kind} cannot be replayed: replay the walk up to there.")
@@ -201,7 +201,7 @@ class _Run:
             taken.site_id, taken.name, self._intrinsics, {}, (), empty.astype(np.float32), empty.astype(np.uint8),
             taken.graph,
         )  # fmt: skip
-        return PreparedMap(Path(), taken.checksum, site, _NoLocalizer())
+        return PreparedMap(Path(), taken.checksum, site, _NoLocalizer(), taken.told)
 
 
 def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:

@@ -67,7 +67,7 @@ def play(
 
 
 def _may_wait(cue: Cue, now_s: float) -> bool:
-    longest_s = _MESSAGE_WAITS_AT_MOST_S if cue.kind is CueKind.MESSAGE else _WAITS_AT_MOST_S
+    longest_s = _MESSAGE_WAITS_AT_MOST_S if cue.kind in (CueKind.MESSAGE, CueKind.MAP_NEWS) else _WAITS_AT_MOST_S
     return now_s - cue.stamp_s <= longest_s
 
 

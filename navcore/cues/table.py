@@ -57,6 +57,10 @@ class CueKind(enum.Enum):
     """A sentence from a person at the console, or a notice of the device (a sensor failed, a map was taken)."""
     ANSWER = "answer"
     """What the walker hears for pressing a button, or of an order from the console."""
+    MAP_ADVICE = "map_advice"
+    """What the sighted person who records a map shall do differently, or that recording has ended."""
+    MAP_NEWS = "map_news"
+    """How the recording, or the building, of a map goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +88,8 @@ _SPOKEN = "speech, in the middle"
 
 _ANSWERS = (
     *(f"mode_{mode.value}" for mode in Mode),
-    "on_duty", "off_duty", "map_begun", "map_ended", "destination", "destination_console",
+    "on_duty", "off_duty", "map_offered", "map_begun", "map_place", "map_marked", "map_ended",
+    "destination", "destination_console",
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
@@ -147,9 +152,22 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew", "camera_moved", "camera_agrees"),
     ),
+    CueKind.MAP_ADVICE: CueEntry(
+        CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",
+        _SPOKEN, "no other", "every `map_walk.repeat_s` while it lasts",
+        ("map_walk_covered", "map_walk_dark", "map_walk_lost", "map_walk_slow_down", "map_walk_look_ahead",
+         "map_walk_weak", "map_no_picture", "map_disk_full", "map_disk_slow", "map_not_recorded", "map_no_feedback"),
+    ),
     CueKind.ANSWER: CueEntry(
         CuePriority.OFF_ROAD, "The device answers a button, or tells what was ordered.", _SPOKEN, "no other",
         "no; not said again where an instruction has cut it off", _ANSWERS,
+    ),
+    CueKind.MAP_NEWS: CueEntry(
+        CuePriority.REASSURANCE, "How the recording or the building of a map goes on; not said while somebody is led.",
+        _SPOKEN, "no other", "no",
+        ("map_none", "map_picture", "map_walk_found", "map_walk_loop", "map_recorded", "map_handed_over",
+         "map_building", "map_not_built",
+         "map_unfinished", "map_built", "map_built_good", "map_built_weak"),
     ),
     CueKind.TURN_AHEAD: CueEntry(
         CuePriority.REASSURANCE, "The way bends so far ahead. Nothing is to be done yet.", _SPOKEN,

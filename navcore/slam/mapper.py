@@ -72,6 +72,17 @@ class FramePose:
     camera_from_reference: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class Followed:
+    """How well the last frame was followed."""
+
+    tracked: bool
+    landmark_count: int
+    """Landmarks that agree with its pose."""
+    is_fixed: bool
+    """Something seen fixes the pose in every direction."""
+
+
 class Mapper:
     """Builds a map from frames in the order of their stamps.
 
@@ -170,6 +181,13 @@ class Mapper:
         if self._last is None:
             raise MappingError("No frame has been followed yet: give frames with texture and depth.")
         return inverse_se3(self._last.camera_from_world)
+
+    @property
+    def followed(self) -> Followed:
+        """How well the last frame was followed."""
+        tracked = bool(self.frame_poses) and self.frame_poses[-1].reference >= 0
+        count = self._last.inlier_count if tracked and self._last is not None else 0
+        return Followed(tracked, count, tracked and self._is_fixed)
 
     @property
     def keyframe_count(self) -> int:

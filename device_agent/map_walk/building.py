@@ -1,0 +1,81 @@
+"""Building the map of a recorded map walk in a process of its own, which gives way to everything else."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+from navcore.errors import MappingError
+
+
+class MapBuilding:
+    """Runs ``vbr map build``; :meth:`stop` ends it from another thread."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._process: subprocess.Popen[str] | None = None
+        self._stopped = False
+
+    def build(self, walk: Path, site: Path, date: str, progress: Callable[[int], None]) -> bool:
+        """Build the map of a recording into ``site``, replacing what lies there; False where it was stopped.
+
+        ``progress`` is called with each percent. Raises MappingError with what the build said where it failed.
+        """
+        shutil.rmtree(site, ignore_errors=True)
+        command = [
+            sys.executable, "-m", "device_agent", "map", "build", str(walk), "--site", str(site), "--name",
+            walk.name, "--date", date, "--behind", "--json",
+        ]  # fmt: skip
+        with tempfile.TemporaryFile("w+", encoding="utf-8") as complaints:
+            process = self._started(command, complaints)
+            if process is None:
+                return False
+            assert process.stdout is not None
+            for line in process.stdout:
+                if (percent := _percent(line)) is not None:
+                    progress(percent)
+            code = process.wait()
+            if self._stopped:
+                return False
+            if code != 0:
+                complaints.seek(0)
+                raise MappingError(complaints.read()[-400:].strip() or f"The building of the map ended with {code}.")
+        return True
+
+    def _started(self, command: list[str], complaints: object) -> subprocess.Popen[str] | None:
+        with self._lock:
+            if self._stopped:
+                return None
+            self._process = subprocess.Popen(  # type: ignore[call-overload]  # the file is one
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=complaints,
+                text=True,
+                # Ctrl-C is the device's alone: it ends this process itself.
+                start_new_session=True,
+            )
+            return self._process
+
+    def stop(self) -> None:
+        """End the build; it begins anew at the next start of the device."""
+        with self._lock:
+            self._stopped = True
+            if self._process is not None and self._process.poll() is None:
+                self._process.terminate()
+
+
+def _percent(line: str) -> int | None:
+    """Return the percent of a line of progress; the other lines are the answer."""
+    try:
+        found = json.loads(line)
+    except ValueError:
+        return None
+    percent = found.get("percent") if isinstance(found, dict) else None
+    return percent if isinstance(percent, int) else None

@@ -1,0 +1,76 @@
+"""The folder of one map walk: its recording, and in ``walk.json`` how far it has come.
+
+``recording`` → ``recorded`` → ``built``, ``handed_over`` or ``failed``. What a device finds as ``recording`` or
+``recorded`` at its start was broken off.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from navcore.site_files import write_whole
+
+Stage = Literal["recording", "recorded", "built", "handed_over", "failed"]
+STATE_FILE, CHECKSUMS_FILE = "walk.json", "SHA256SUMS"
+_BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
+
+
+class WalkState(msgspec.Struct, frozen=True):
+    """What ``walk.json`` says."""
+
+    stage: Stage
+    date: str = ""
+    """Day on which it was walked."""
+    attempts: int = 0
+    """How often building its map was begun."""
+    reason: str = ""
+    """Why it has failed."""
+
+
+def new_walk(folder: Path, date: str) -> Path:
+    """Make the folder of the next walk. Raises OSError."""
+    folder.mkdir(parents=True, exist_ok=True)
+    taken = [int(found[1]) for path in folder.iterdir() if (found := re.fullmatch(r"walk-(\d{4,9})", path.name))]
+    walk = folder / f"walk-{max(taken, default=0) + 1:04d}"
+    walk.mkdir()
+    write_state(walk, WalkState("recording", date))
+    return walk
+
+
+def walks_in(folder: Path) -> tuple[Path, ...]:
+    """Return all walks, oldest first."""
+    return tuple(sorted(folder.glob("walk-*"))) if folder.is_dir() else ()
+
+
+def broken_off(folder: Path) -> tuple[Path, ...]:
+    """Return the walks that were not brought to an end, oldest first."""
+    return tuple(walk for walk in walks_in(folder) if read_state(walk).stage in _BROKEN_OFF)
+
+
+def read_state(walk: Path) -> WalkState:
+    """Return how far a walk has come; one whose state cannot be read has failed, and its recording is left alone."""
+    try:
+        return msgspec.json.decode((walk / STATE_FILE).read_bytes(), type=WalkState)
+    except (OSError, msgspec.MsgspecError):
+        return WalkState("failed")
+
+
+def write_state(walk: Path, state: WalkState) -> None:
+    """Write how far a walk has come, in one step. Raises OSError."""
+    write_whole(walk / STATE_FILE, msgspec.json.encode(state))
+
+
+def write_checksums(walk: Path) -> None:
+    """Write the SHA-256 of every file of a recording, as ``sha256sum --check SHA256SUMS`` reads it. Raises OSError."""
+    own = (STATE_FILE, CHECKSUMS_FILE)
+    files = [path for path in sorted(walk.rglob("*")) if path.is_file() and path.name not in own]
+    lines = []
+    for path in files:
+        with path.open("rb") as file:
+            lines.append(f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(walk).as_posix()}\n")
+    write_whole(walk / CHECKSUMS_FILE, "".join(lines).encode())

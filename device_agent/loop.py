@@ -348,6 +348,6 @@ def _stop(state: DeviceState, now_s: float, reason: Reason, rule: str) -> Guidan
     before = state.guidance.trace if state.guidance is not None else DecisionTrace()
     trace = DecisionTrace(
         sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index,
-        sonar_state=before.sonar_state, sure_count=before.sure_count, rule=rule,
+        sonar_state=before.sonar_state, sure_count=before.sure_count, fastest_m_s=before.fastest_m_s, rule=rule,
     )  # fmt: skip
     return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

@@ -74,6 +74,8 @@ _BODY_M = 0.25
 _USUAL_SPEED_M_S, _GAINS_M_S2 = 0.85, 0.6
 """Blind pedestrians walk at 0.6 to 1.1 m/s (D. Clark-Carter et al., Ergonomics 29, 1986), two or three steps after
 they have begun."""
+_FASTEST_M_S = 1.3
+"""Faster than this nobody has walked who is guided: the pose has jumped."""
 _FIRST_STEPS_M = 1.6
 """So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
 _FIRST_TURN_RAD = math.radians(20.0)
@@ -110,8 +112,9 @@ class _Cycle:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
         before = None if self.previous is None or self.previous.trace.turn not in _TO_THE_ROUTE else self.previous
         kind, side = turn_to_route(
-            error, None if before is None else before.trace.turn, None if before is None else before.direction
-        )
+            error, None if before is None else before.trace.turn, None if before is None else before.direction,
+            trace.lost_turning_rad,
+        )  # fmt: skip
         rule = f"the route leads behind: turn around ({rule})" if kind is TurnKind.AROUND else rule
         return self.turn(kind, side, replace(trace, optimal=None), rule)
 
@@ -213,7 +216,7 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
     trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
     # Who walks fast needs more than the stop distance to come to a stand.
-    stop_m = max(settings.obstacle.stop_distance_m, _room_to_stop_m(cycle, trace.speed_m_s))
+    stop_m = max(settings.obstacle.stop_distance_m, _room_to_stop_m(cycle, trace))
     if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
         reason = _blocking_reason(cycle, 0.0)
         return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
@@ -249,14 +252,15 @@ def _stands(cycle: _Cycle) -> bool:
     return cycle.previous is not None and cycle.previous.action is not Action.WALK
 
 
-def _room_to_stop_m(cycle: _Cycle, speed_m_s: float) -> float:
+def _room_to_stop_m(cycle: _Cycle, trace: DecisionTrace) -> float:
     """Return how much room in front is needed to be stopped now, by somebody who is slow to react.
 
-    Who has been told to walk may still be gaining speed until they react.
+    Who has been told to walk may still be gaining speed until they react, up to their own.
     """
-    slow_s, then_m_s = cycle.settings.obstacle.slow_reaction_s, speed_m_s
+    slow_s, speed_m_s, then_m_s = cycle.settings.obstacle.slow_reaction_s, trace.speed_m_s, trace.speed_m_s
     if cycle.previous is not None and cycle.previous.action is Action.WALK:
-        then_m_s = max(speed_m_s, min(speed_m_s + _GAINS_M_S2 * slow_s, _USUAL_SPEED_M_S))
+        usual_m_s = max(_USUAL_SPEED_M_S, trace.fastest_m_s)
+        then_m_s = max(speed_m_s, min(speed_m_s + _GAINS_M_S2 * slow_s, usual_m_s))
     return _BODY_M + stopping_distance_m(then_m_s, slow_s) - (then_m_s - speed_m_s) / 2.0 * slow_s
 
 
@@ -388,7 +392,8 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, r
             if stopped:
                 return cycle.stop(before.reason, waiting, why)
             return cycle.turn(TurnKind.ASIDE, direction, waiting, why)
-    return cycle.walk(direction, replace(trace, stopped_since_s=None, look_count=0), rule)
+    going = replace(trace, stopped_since_s=None, look_count=0, lost_turning_rad=None)
+    return cycle.walk(direction, going, rule)
 
 
 def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
@@ -460,11 +465,21 @@ def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
     since_s = cycle.stamp_s if before is None or before.lost_since_s is None else before.lost_since_s
-    trace = replace(trace, lost_index=index, lost_since_s=since_s, sure_count=0)
+    trace = replace(
+        trace, lost_index=index, lost_since_s=since_s, sure_count=0, lost_turning_rad=_lost_turning_rad(cycle)
+    )
     if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
         return cycle.stop(Reason.POSE_LOST, trace, why)
     trace = replace(trace, turn=TurnKind.LOOK)
     return cycle._result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, f"{why}: look round for a known place")
+
+
+def _lost_turning_rad(cycle: _Cycle) -> RelativeAngle | None:
+    """Return the turn to the route during which the pose has been lost, now or before."""
+    before = cycle.previous
+    if before is None:
+        return None
+    return before.direction if before.trace.turn in _TO_THE_ROUTE else before.trace.lost_turning_rad
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
@@ -477,10 +492,13 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     sure_count = None if before is None or before.sure_count is None else before.sure_count + 1 if sure else 0
     if sure_count is not None and sure_count >= cycle.settings.obstacle.leave_frames_count:
         sure_count = None
+    velocity_m_s = (0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose)
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
         position=None if pose is None else (pose.x_m, pose.y_m),
-        velocity_m_s=(0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose),
+        velocity_m_s=velocity_m_s,
+        fastest_m_s=max(0.0 if before is None else before.fastest_m_s, min(_FASTEST_M_S, math.hypot(*velocity_m_s))),
+        lost_turning_rad=None if before is None else before.lost_turning_rad,
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
         closing_m_s=float(cycle.scan.closing_m_s.max(initial=0.0)),

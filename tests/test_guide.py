@@ -392,6 +392,45 @@ def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed
     assert decide(here, found, told_to_stand, settings=settings).action is Action.WALK
 
 
+def test_who_gains_speed_may_gain_what_they_have_walked_before():
+    """At 0.7 m/s, and a wall 1.38 m ahead: enough for most, too little for one who has walked 1.05 m/s today."""
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    before, here = walking_at(0.7)
+    found = seen(here, box(3.38, -3, 3.5, 3))
+    assert decide(here, found, before, settings=settings).action is Action.WALK
+    fast = replace(before, trace=replace(before.trace, fastest_m_s=1.05))
+    assert decide(here, found, fast, settings=settings).action is not Action.WALK
+
+
+def test_the_fastest_walk_is_remembered_and_a_jump_of_the_pose_is_none():
+    before, here = walking_at(1.0)
+    walked = decide(here, seen(here), before)
+    assert walked.trace.fastest_m_s == pytest.approx(walked.trace.speed_m_s)
+    stands = at(here.pose.x_m, stamp_s=here.stamp_s + 3.0)
+    assert decide(stands, seen(stands), walked).trace.fastest_m_s == pytest.approx(walked.trace.fastest_m_s)
+    before, jumped = walking_at(3.0)
+    assert decide(jumped, seen(jumped), before).trace.fastest_m_s <= 1.3
+
+
+def test_who_lost_their_place_while_turning_turns_the_other_way():
+    """Facing back along the road beside a wall: the pose goes where the wall fills the view, and holds otherwise."""
+    away = decide(at(2.0, 0.0, 200.0), seen(at(2.0, 0.0, 200.0)))
+    assert away.action is Action.TURN
+    assert away.direction is not None
+    lost = decide(at(2.0, quality="lost", stamp_s=0.1), seen(at(2.0)), away)
+    found = lost
+    for number in range(5):
+        here = at(2.0, 0.0, 200.0, stamp_s=0.2 + 0.1 * number)
+        found = decide(here, seen(here), found)
+    assert found.action is Action.TURN
+    assert found.direction is not None
+    assert found.direction * away.direction < 0.0
+    ahead = at(2.0, stamp_s=2.0)
+    walks = decide(ahead, seen(ahead), found)
+    assert walks.action is Action.WALK
+    assert walks.trace.lost_turning_rad is None
+
+
 def test_the_first_steps_of_who_stands_lead_where_they_are_free():
     """A corner of a box ahead, 1.5 m away: the way beside it is turned to before the first step, not while walking."""
     here = at(2.0, stamp_s=5.0)

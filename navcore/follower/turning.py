@@ -15,11 +15,12 @@ AROUND_RAD = math.radians(135.0)
 """What lies farther to the side than this lies behind."""
 _EITHER_SIDE_RAD = math.radians(150.0)
 """Beyond this, the other way round is hardly longer."""
+_FAR_RAD = math.radians(90.0)
 _FULL_RAD = math.radians(179.0)
 
 
 def turn_to_route(
-    error: RelativeAngle, before: TurnKind | None, last: RelativeAngle | None
+    error: RelativeAngle, before: TurnKind | None, last: RelativeAngle | None, lost: RelativeAngle | None = None
 ) -> tuple[TurnKind, RelativeAngle]:
     """Return the kind of the turn, and by how much to turn.
 
@@ -27,9 +28,12 @@ def turn_to_route(
         error: the expected direction relative to the heading.
         before: the kind of turn of the frame before, if that turned to the route as well; a U-turn stays one.
         last: by how much that frame turned; None where it did not.
+        lost: a turn in which the place was lost, None where there was none: who must turn far turns the other way.
     """
     is_around = abs(error) >= AROUND_RAD or before is TurnKind.AROUND
-    side = error
-    if last is not None and abs(error) > _EITHER_SIDE_RAD and error * last < 0.0:
-        side = relative_angle(math.copysign(_FULL_RAD, last))
+    side, kept, least_rad = error, last, _EITHER_SIDE_RAD
+    if lost is not None:
+        kept, least_rad = relative_angle(-lost) if last is None else last, _FAR_RAD
+    if kept is not None and abs(error) > least_rad and error * kept < 0.0:
+        side = relative_angle(math.copysign(_FULL_RAD, kept))
     return (TurnKind.AROUND if is_around else TurnKind.ALONG), side

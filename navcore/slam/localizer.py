@@ -16,6 +16,9 @@ States, from frame to frame:
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
   confirmation away; ``MAX_ODOMETRY_S`` without the map, or a frame that nothing can follow, makes it Lost.
 
+Where no frame came at all, nobody knows how the walker went: after ``MAX_UNSEEN_S`` the pose must be confirmed anew,
+and after ``MAX_ODOMETRY_S``, or where time went backwards, the next frame is searched for as at the start.
+
 The same frames in the same order give the same poses.
 """
 
@@ -45,6 +48,7 @@ from navcore.slam.pose_uncertainty import (
     map_covariance,
     misfit,
     odometry_factor,
+    walked_unseen,
     weighed_by_misfit,
     with_ambiguity,
 )
@@ -78,6 +82,8 @@ STEADIED_SHARE = 0.7
 """Share of these landmarks that must go on agreeing with the pose then."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
+MAX_UNSEEN_S = 1.0
+"""After so long without any frame, what was known of the pose is confirmed anew, and of the velocity forgotten."""
 MAX_UNMATCHED_S = 0.15
 """After so long without the map, a pose is only Uncertain."""
 SEARCH_INTERVAL_S = 0.5
@@ -138,6 +144,7 @@ class Localizer:
 
     def locate(self, frame: Frame) -> Localization:
         """Return the pose of a frame, its covariance and its quality."""
+        self._bridge_gap(frame.stamp_s)
         image = grey_of(frame.colour_rgb)
         features = self._unrolled_as_expected(self._extractor.extract_grey(image, frame.depth_m))
         self._seen = DepthView(self._map.camera, frame.depth_m, image=image)
@@ -148,6 +155,18 @@ class Localizer:
         self._state = state or self._find(frame, features)
         self._keep_pace(frame.stamp_s)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
+
+    def _bridge_gap(self, stamp_s: float) -> None:
+        """Doubt what is remembered, or forget it, where no frame came for a while."""
+        if self._state is None:
+            return
+        gap_s = stamp_s - self._state.last.stamp_s
+        if not 0.0 < gap_s <= MAX_ODOMETRY_S:
+            self.reset()
+        elif gap_s > MAX_UNSEEN_S:
+            covariance = walked_unseen(self._state.covariance, gap_s)
+            self._state = replace(self._state, before_last=None, covariance=covariance, confirmations=0)
+            self._pace.forget()
 
     # ------------------------------------------------------------------------------------------- rolling shutter
     def _unrolled_as_expected(self, features: Features) -> Features:

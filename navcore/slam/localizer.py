@@ -28,6 +28,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from navcore.frame_check import check_frame, with_known_depth
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.depth_localization import DepthAid
@@ -111,6 +112,7 @@ class Localizer:
 
     def __init__(self, slam_map: SlamMap, intrinsics: CameraIntrinsics, settings: LocalizationSettings) -> None:
         self._settings = settings
+        self._intrinsics = intrinsics
         camera = SlamCamera.of(intrinsics, slam_map.camera.bf_px_m)
         self._map = replace(slam_map, camera=camera)
         # Another camera reads its pictures otherwise.
@@ -143,7 +145,13 @@ class Localizer:
             self._extractor.look_for(min(count, self._feature_count))
 
     def locate(self, frame: Frame) -> Localization:
-        """Return the pose of a frame, its covariance and its quality."""
+        """Return the pose of a frame, its covariance and its quality.
+
+        Raises SensorError, with what to do, for a frame without a finite stamp, or of another size than the camera's;
+        what is remembered stays. Depth that is no finite distance above zero is unknown.
+        """
+        check_frame(frame, self._intrinsics)
+        frame = with_known_depth(frame)
         self._bridge_gap(frame.stamp_s)
         image = grey_of(frame.colour_rgb)
         features = self._unrolled_as_expected(self._extractor.extract_grey(image, frame.depth_m))

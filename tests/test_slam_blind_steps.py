@@ -12,6 +12,7 @@ from navcore.slam.depth_alignment import LEVER_M
 from navcore.slam.depth_tracking import MOTION_SIGMA_M_S, MOTION_SIGMA_RAD_S, motion_covariance
 from navcore.slam.freezing import freeze
 from navcore.slam.map_uncertainty import keyframe_covariances
+from navcore.slam.mapping import cull_redundant_keyframes
 from navcore.slam.rehearsal import rehearse
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import thaw
@@ -108,6 +109,21 @@ def test_where_landmarks_hold_both_sides_together_it_matters_little(slam_map: Sl
     known = keyframe_covariances(slam_map)
     drifted = keyframe_covariances(with_drift(slam_map, middle, 0.8))
     assert np.sqrt(drifted[:, 2, 2]).max() < 1.2 * np.sqrt(known[:, 2, 2]).max()
+
+
+@pytest.mark.parametrize("has_drifted", [False, True])
+def test_a_key_frame_that_shows_nothing_new_stays_for_its_drift(has_drifted: bool) -> None:
+    builder = rehearse(30)[0].builder
+    kept = len(builder.keyframes) - 1
+    seen = builder.keyframes[kept].features
+    again = [
+        builder.add_keyframe(10.0 + n, seen, builder.camera_from_world[kept], builder.landmark_of[kept, : len(seen)])
+        for n in range(5)
+    ]
+    if has_drifted:
+        builder.drifts[again[1]] = np.eye(6)
+    cull_redundant_keyframes(builder, again[-1])
+    assert bool(builder.keyframe_alive[again[1]]) is has_drifted
 
 
 def test_it_is_stored_and_goes_along_when_the_map_grows(slam_map: SlamMap) -> None:

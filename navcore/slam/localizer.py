@@ -306,7 +306,7 @@ class Localizer:
     def _is_undisputed(self, matched: MapMatch, step_s: float) -> bool:
         """Tell whether a match fixes all of the pose: what surfaces leave open, few landmarks may leave open, too."""
         track = matched.track
-        if matched.fisheye is not None or not is_sparse(track):
+        if not matched.is_sparse:
             return True
         carried = self._depth.carried(self._seen, track.camera_from_world, step_s)
         if carried is None:
@@ -438,6 +438,8 @@ class Localizer:
         around = local_landmarks(self._map, self._near_keyframes(found.track.camera_from_world))
         match = self._with_fisheye(self._aid, found.track, around, frame, 1.0)
         if match is None or not match.is_convincing or match.found_count < RELOCALIZATION_INLIERS:
+            return None
+        if not self._is_undisputed(match, 0.0):
             return None
         return self._matched(None, match, frame, 1)
 

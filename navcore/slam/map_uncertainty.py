@@ -72,7 +72,7 @@ def _sampled(slam_map: SlamMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     stands for a key frame on the other side.
     """
     count = slam_map.keyframe_count
-    leaps = slam_map.keyframe_drift.any(axis=(1, 2))
+    leaps: BoolArray = np.any(slam_map.keyframe_drift != 0.0, axis=(1, 2))
     leaps[1:] |= np.diff(slam_map.keyframe_session) != 0
     leaps[0] = True
     begins = np.flatnonzero(leaps)

@@ -274,7 +274,13 @@ def cull_redundant_keyframes(builder: MapBuilder, keyframe: int) -> int:
     """
     neighbours, _ = builder.covisible(keyframe, 15)
     culled = 0
-    protected = {0, keyframe, *builder.depth_carried, *builder.drifts, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
+    protected = {
+        0,
+        keyframe,
+        *builder.depth_carried,
+        *builder.drifts,
+        *(k for i, j, _ in builder.loop_edges for k in (i, j)),
+    }
     for neighbour in neighbours.tolist():
         if neighbour in protected:
             continue

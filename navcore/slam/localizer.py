@@ -17,7 +17,7 @@ States, from frame to frame:
   confirmation away; ``MAX_ODOMETRY_S`` without the map, or a frame that nothing can follow, makes it Lost.
 
 Where no frame came at all, nobody knows how the walker went: after ``MAX_UNSEEN_S`` the pose must be confirmed anew,
-and after ``MAX_ODOMETRY_S``, or where time went backwards, the next frame is searched for as at the start.
+and after ``MAX_GAP_S``, or where time went backwards, the next frame is searched for as at the start.
 
 The same frames in the same order give the same poses.
 """
@@ -85,6 +85,8 @@ MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
 MAX_UNSEEN_S = 1.0
 """After so long without any frame, what was known of the pose is confirmed anew, and of the velocity forgotten."""
+MAX_GAP_S = 2.0
+"""After so long without any frame the walker may be at another place that looks alike: it is searched for everywhere."""
 MAX_UNMATCHED_S = 0.15
 """After so long without the map, a pose is only Uncertain."""
 SEARCH_INTERVAL_S = 0.5
@@ -169,7 +171,7 @@ class Localizer:
         if self._state is None:
             return
         gap_s = stamp_s - self._state.last.stamp_s
-        if not 0.0 < gap_s <= MAX_ODOMETRY_S:
+        if not 0.0 < gap_s <= MAX_GAP_S:
             self.reset()
         elif gap_s > MAX_UNSEEN_S:
             covariance = walked_unseen(self._state.covariance, gap_s)

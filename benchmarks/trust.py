@@ -48,6 +48,9 @@ WRONG_M = 0.5
 CHI2_95 = {2: 5.991, 3: 7.815}
 """95 % of the χ² distribution, by degrees of freedom."""
 CARRIED = "carried elsewhere"
+UNSEEN_FROM_S = 5.0
+UNSEEN_S = {"no frames for 3 s": 3.0, "no frames for 8 s": 8.0}
+"""How long the camera delivers nothing, from ``UNSEEN_FROM_S`` on, while the walker goes on."""
 SCENARIOS = {
     "ordinary": Scenario(),
     "people": Scenario(people_share=0.3),
@@ -56,6 +59,8 @@ SCENARIOS = {
     "covered 3 s": Scenario(covered_s=(8.0, 3.0)),
     "kidnapped start": Scenario(kidnapped=True),
     CARRIED: Scenario(kidnapped=True),
+    "no frames for 3 s": Scenario(),
+    "no frames for 8 s": Scenario(),
     "everything": Scenario(0.2, 0.4, (6.0, 10.0), (4.0, 3.0), True),
 }
 
@@ -174,7 +179,8 @@ def _aligned(slam_map: SlamMap, recording: Recording) -> SlamMap:
 def _staged(building: Building, renderer: Renderer, name: str, seed: int, length_m: float) -> Walk:
     """Return a walk of a scenario that begins at a leg of the recorded way given by the seed."""
     if name != CARRIED:
-        return _leg(building, renderer, SCENARIOS[name], seed, length_m)
+        walk = _leg(building, renderer, SCENARIOS[name], seed, length_m)
+        return _without_frames(walk, UNSEEN_S[name]) if name in UNSEEN_S else walk
     return _joined(
         _leg(building, renderer, Scenario(), seed, length_m / 2),
         _leg(building, renderer, SCENARIOS[name], seed + 1000, length_m / 2),
@@ -186,6 +192,11 @@ def _leg(building: Building, renderer: Renderer, scenario: Scenario, seed: int, 
     begin = int(np.random.default_rng([seed, 5]).integers(len(way) - 1))
     way = (*way[begin:], *way[1:]) if way[0] == way[-1] else way
     return simulated_walk(building, way, seed, scenario, max_length_m=length_m, renderer=renderer)
+
+
+def _without_frames(walk: Walk, unseen_s: float) -> Walk:
+    """Leave out what the camera would have seen for so long."""
+    return (seen for seen in walk if not 0.0 <= seen[0].stamp_s - UNSEEN_FROM_S < unseen_s)
 
 
 def _joined(first: Walk, second: Walk) -> Walk:

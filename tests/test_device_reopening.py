@@ -17,7 +17,7 @@ from device_agent.adapters.clocks import FakeClock, SteppedClock
 from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeUplink, NoSonar
 from device_agent.adapters.newest import HANGS_AFTER_S, MAX_ABANDONED, NewestReader
 from device_agent.adapters.newest_frame import NewestFrameCamera
-from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera, check_frame
+from device_agent.adapters.reopened_camera import CameraSource, ReopenedCamera, check_live_frame
 from device_agent.adapters.reopening import LONGEST_BACKOFF_S, TOLERATED_S, Reopening, backoff_s
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.state import DeviceState
@@ -178,10 +178,10 @@ def test_a_camera_that_is_closed_while_it_is_being_opened_stays_closed() -> None
     ],
 )
 def test_a_frame_that_says_nothing_of_now_is_refused_with_the_reason(bad: Frame, reason: str) -> None:
-    check_frame(frame(10.5), frame(10.0), INTRINSICS)
-    check_frame(frame(10.5), None, INTRINSICS)
+    check_live_frame(frame(10.5), frame(10.0), INTRINSICS)
+    check_live_frame(frame(10.5), None, INTRINSICS)
     with pytest.raises(SensorError, match=reason):
-        check_frame(bad, frame(10.0), INTRINSICS)
+        check_live_frame(bad, frame(10.0), INTRINSICS)
 
 
 def test_pictures_older_than_before_are_refused_even_after_opening_anew() -> None:

@@ -12,6 +12,8 @@ from navcore.slam.depth_alignment import LEVER_M
 from navcore.slam.depth_tracking import MOTION_SIGMA_M_S, MOTION_SIGMA_RAD_S, motion_covariance
 from navcore.slam.freezing import freeze
 from navcore.slam.map_uncertainty import keyframe_covariances
+from navcore.slam.mapping import cull_redundant_keyframes
+from navcore.slam.nearest import nearest_index
 from navcore.slam.rehearsal import rehearse
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.thawing import thaw
@@ -103,11 +105,53 @@ def test_the_map_is_less_sure_beyond_such_a_step_along_what_was_open(slam_map: S
     assert abs(first[0, 0] + last[0, 0]) < 0.1 * (first[2, 2] + last[2, 2])
 
 
+@pytest.mark.parametrize("leap", ["drift", "session"])
+def test_no_key_frame_takes_the_covariance_of_one_beyond_a_leap(
+    slam_map: SlamMap, monkeypatch: pytest.MonkeyPatch, leap: str
+) -> None:
+    """However few are computed: here two, so that by number alone the nearest would lie beyond."""
+    begin = slam_map.keyframe_count - 2
+    cut = without_landmarks_across(slam_map, begin)
+    if leap == "drift":
+        cut = with_drift(cut, begin, 0.8)
+    else:
+        sessions = cut.keyframe_session.copy()
+        sessions[begin:] += 1
+        cut = replace(cut, keyframe_session=sessions)
+    exact = keyframe_covariances(cut)
+    monkeypatch.setattr("navcore.slam.map_uncertainty.SAMPLED_KEYFRAMES", 2)
+    np.testing.assert_allclose(keyframe_covariances(cut)[[begin - 1, begin]], exact[[begin - 1, begin]], rtol=1e-6)
+
+
+def test_the_nearest_is_that_of_the_table_of_all_differences() -> None:
+    rng = np.random.default_rng(8)
+    for count in (1, 2, 3, 40):
+        # Whole numbers: many are there twice, and many are equally near.
+        values, at = rng.integers(0, 30, count).astype(float), rng.integers(-5, 70, 200) / 2.0
+        expected = np.abs(at[:, None] - values).argmin(axis=1)
+        np.testing.assert_array_equal(nearest_index(values, at), expected)
+
+
 def test_where_landmarks_hold_both_sides_together_it_matters_little(slam_map: SlamMap) -> None:
     middle = slam_map.keyframe_count // 2
     known = keyframe_covariances(slam_map)
     drifted = keyframe_covariances(with_drift(slam_map, middle, 0.8))
     assert np.sqrt(drifted[:, 2, 2]).max() < 1.2 * np.sqrt(known[:, 2, 2]).max()
+
+
+@pytest.mark.parametrize("has_drifted", [False, True])
+def test_a_key_frame_that_shows_nothing_new_stays_for_its_drift(has_drifted: bool) -> None:
+    builder = rehearse(30)[0].builder
+    kept = len(builder.keyframes) - 1
+    seen = builder.keyframes[kept].features
+    again = [
+        builder.add_keyframe(10.0 + n, seen, builder.camera_from_world[kept], builder.landmark_of[kept, : len(seen)])
+        for n in range(5)
+    ]
+    if has_drifted:
+        builder.drifts[again[1]] = np.eye(6)
+    cull_redundant_keyframes(builder, again[-1])
+    assert bool(builder.keyframe_alive[again[1]]) is has_drifted
 
 
 def test_it_is_stored_and_goes_along_when_the_map_grows(slam_map: SlamMap) -> None:

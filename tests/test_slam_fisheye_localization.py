@@ -17,9 +17,12 @@ from navcore.geometry import Transform, world_from_camera_at
 from navcore.settings import LocalizationSettings
 from navcore.slam.fisheye import project, unproject
 from navcore.slam.fisheye_localization import FisheyeAid
+from navcore.slam.fisheye_tracking import FisheyeMatch
 from navcore.slam.fisheye_view import FisheyeView
 from navcore.slam.keyframes import NO_LANDMARK, SlamCamera
 from navcore.slam.localizer import Localizer
+from navcore.slam.localizer_state import MapMatch
+from navcore.slam.map_evidence import evidence_for
 from navcore.slam.mapper import Mapper
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track
@@ -101,6 +104,27 @@ def test_a_pose_is_found_when_the_front_looks_where_nothing_is_mapped(
         found[use] = [localizer.locate(frame).world_from_camera for frame in frames(office_renderer, walked, 3)]
     assert all(error_m(pose, truth) < 0.25 for pose, truth in zip(found[True], walked, strict=True))
     assert all(pose is None or error_m(pose, truth) < 0.25 for pose, truth in zip(found[False], walked, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("found_count", "aside_m", "is_believed"), [(30, 0.4, False), (30, 0.0, True), (200, 0.4, True)]
+)
+def test_few_landmarks_of_the_fisheye_are_not_believed_where_surfaces_see_the_camera_elsewhere(
+    mapped: SlamMap, office_renderer: Renderer, found_count: int, aside_m: float, is_believed: bool
+) -> None:
+    localizer = Localizer(mapped, CAMERA, LocalizationSettings(use_fisheye=False))
+    frame, *_ = frames(office_renderer, poses(60.0, 66.0, 3), 6)
+    localizer.locate(frame)
+    assert localizer.state is not None
+    last = localizer.state.last
+    aside = last.camera_from_world.copy()
+    aside[0, 3] += aside_m
+    nothing = np.full(len(last.features), NO_LANDMARK, np.int32)
+    track = replace(last, camera_from_world=aside, landmark_of=nothing, carried_points=None)
+    shown = FisheyeMatch(track, np.arange(found_count, dtype=np.int32), found_count, 2 * found_count)
+    match = MapMatch(track, evidence_for(mapped, track, shown.landmarks, frame.depth_m), shown)
+    assert match.is_sparse is (found_count < 80)
+    assert localizer._is_undisputed(match, 0.0) is is_believed
 
 
 def test_another_place_is_no_evidence(mapped: SlamMap, office_renderer: Renderer) -> None:

@@ -252,14 +252,46 @@ def test_proposals_are_different_places(slam_map: SlamMap, walk: list[tuple[Fram
         assert not any(is_same_place(track, other) for other in tracks[:number])
 
 
-def test_two_places_that_look_alike_are_not_told_apart(walk: list[tuple[Frame, Transform]]) -> None:
-    """The same wall twice in a building, four metres higher the second time: which one it is, nobody can say."""
+@pytest.fixture(scope="module")
+def single(walk: list[tuple[Frame, Transform]]) -> SlamMap:
     mapper = Mapper(REHEARSAL_CAMERA, SlamCamera.of(REHEARSAL_CAMERA, 100.0), 600)
     for frame, _ in walk[:30]:
         mapper.add(frame)
-    single = mapper.finish()
+    return mapper.finish()
+
+
+def test_two_places_that_look_alike_are_not_told_apart(single: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    """The same wall twice in a building, four metres higher the second time: which one it is, nobody can say."""
     assert _localizer(single).locate(walk[10][0]).world_from_camera is not None
     assert _localizer(_doubled(single)).locate(walk[10][0]).quality is LocalizationQuality.LOST
+
+
+def _qualities_after_gap(
+    single: SlamMap, walk: list[tuple[Frame, Transform]], gap_s: float
+) -> list[LocalizationQuality]:
+    """Follow the lower one of two walls that are alike; return what is said of the frames after a gap."""
+    below, localizer = _localizer(single), _localizer(_doubled(single))
+    for frame, _ in walk[:6]:
+        below.locate(frame)
+    # The double holds the single map's key frames and landmarks under the same numbers.
+    localizer._state = below.state
+    assert localizer.locate(walk[6][0]).quality is LocalizationQuality.LOCALIZED
+    later = [dataclasses.replace(frame, stamp_s=frame.stamp_s + gap_s) for frame, _ in walk[7:12]]
+    return [localizer.locate(frame).quality for frame in later]
+
+
+@pytest.mark.parametrize("gap_s", [2.5, 11.0, 3600.0, -0.5])
+def test_after_a_long_gap_or_with_time_turned_back_every_place_is_possible_again(
+    single: SlamMap, walk: list[tuple[Frame, Transform]], gap_s: float
+) -> None:
+    assert set(_qualities_after_gap(single, walk, gap_s)) == {LocalizationQuality.LOST}
+
+
+def test_after_a_short_gap_a_pose_is_confirmed_anew(single: SlamMap, walk: list[tuple[Frame, Transform]]) -> None:
+    assert set(_qualities_after_gap(single, walk, 0.5)) == {LocalizationQuality.LOCALIZED}
+    after = _qualities_after_gap(single, walk, 1.5)
+    assert after[:2] == [LocalizationQuality.UNCERTAIN] * 2
+    assert after[-1] is LocalizationQuality.LOCALIZED
 
 
 def _doubled(slam_map: SlamMap) -> SlamMap:

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-
 from device_agent.adapters.reopening import Reopening, Source
 from device_agent.ports import Clock
 from navcore.errors import SensorError
+from navcore.frame_check import check_frame
 from navcore.types import CameraIntrinsics, Frame
 
 
@@ -20,7 +19,7 @@ class CameraSource(Source[Frame], Protocol):
     def intrinsics(self) -> CameraIntrinsics: ...
 
 
-def check_frame(frame: Frame, last: Frame | None, intrinsics: CameraIntrinsics) -> None:
+def check_live_frame(frame: Frame, last: Frame | None, intrinsics: CameraIntrinsics) -> None:
     """Raise SensorError, with the reason, for a frame that says nothing of what is before the walker *now*.
 
     Args:
@@ -28,13 +27,7 @@ def check_frame(frame: Frame, last: Frame | None, intrinsics: CameraIntrinsics) 
         last: the last good frame, None where there was none.
         intrinsics: the camera's geometry.
     """
-    if not np.isfinite(frame.stamp_s):
-        raise SensorError("The camera does not say when its pictures were taken: unplug it and plug it in again.")
-    if last is not None and frame.stamp_s <= last.stamp_s:
-        raise SensorError("The camera gives old pictures again: unplug it and plug it in again.")
-    size = (intrinsics.height_px, intrinsics.width_px)
-    if frame.colour_rgb.shape != (*size, 3) or frame.depth_m.shape != size:
-        raise SensorError("The camera gives pictures of another size: start the device again.")
+    check_frame(frame, intrinsics, None if last is None else last.stamp_s)
     if not (frame.depth_m > 0.0).any():
         raise SensorError("The camera measures no distance at all: see whether something covers it.")
 
@@ -77,4 +70,4 @@ class ReopenedCamera:
         return source
 
     def _check(self, frame: Frame, last: Frame | None) -> None:
-        check_frame(frame, last, self.intrinsics)
+        check_live_frame(frame, last, self.intrinsics)

@@ -21,6 +21,7 @@ from navcore.slam.freezing import freeze
 from navcore.slam.keyframes import IntArray
 from navcore.slam.loop_verification import VerifiedLoop
 from navcore.slam.map import MapBuilder
+from navcore.slam.nearest import nearest_index
 from navcore.slam.overlap import camera_centres, find_overlap
 from navcore.slam.place_recognition import PlaceIndex, Vocabulary
 from navcore.slam.rolling_shutter import ReadoutTime
@@ -184,8 +185,8 @@ def carried_trajectory(slam_map: SlamMap, camera_from_world: FloatArray) -> Floa
         keyframes = np.flatnonzero(slam_map.keyframe_session == session)
         frames = np.flatnonzero(slam_map.trajectory_session == session)
         if len(keyframes) and len(frames):
-            gap_s = np.abs(slam_map.trajectory_stamp_s[frames, None] - slam_map.keyframe_stamp_s[keyframes])
-            nearest[frames] = keyframes[np.argmin(gap_s, axis=1)]
+            in_time = nearest_index(slam_map.keyframe_stamp_s[keyframes], slam_map.trajectory_stamp_s[frames])
+            nearest[frames] = keyframes[in_time]
     step = np.linalg.inv(camera_from_world) @ slam_map.camera_from_world
     return np.asarray(step[nearest] @ slam_map.trajectory)
 

@@ -16,6 +16,9 @@ States, from frame to frame:
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
   confirmation away; ``MAX_ODOMETRY_S`` without the map, or a frame that nothing can follow, makes it Lost.
 
+Where no frame came at all, nobody knows how the walker went: after ``MAX_UNSEEN_S`` the pose must be confirmed anew,
+and after ``MAX_GAP_S``, or where time went backwards, the next frame is searched for as at the start.
+
 The same frames in the same order give the same poses.
 """
 
@@ -25,6 +28,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from navcore.frame_check import check_frame, with_known_depth
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.depth_localization import DepthAid
@@ -45,6 +49,7 @@ from navcore.slam.pose_uncertainty import (
     map_covariance,
     misfit,
     odometry_factor,
+    walked_unseen,
     weighed_by_misfit,
     with_ambiguity,
 )
@@ -78,6 +83,10 @@ STEADIED_SHARE = 0.7
 """Share of these landmarks that must go on agreeing with the pose then."""
 MAX_ODOMETRY_S = 10.0
 """After so long without the map, a pose from odometry alone is given up."""
+MAX_UNSEEN_S = 1.0
+"""After so long without any frame, what was known of the pose is confirmed anew, and of the velocity forgotten."""
+MAX_GAP_S = 2.0
+"""After so long without any frame the walker may be at another place that looks alike: it is searched for everywhere."""
 MAX_UNMATCHED_S = 0.15
 """After so long without the map, a pose is only Uncertain."""
 SEARCH_INTERVAL_S = 0.5
@@ -105,6 +114,7 @@ class Localizer:
 
     def __init__(self, slam_map: SlamMap, intrinsics: CameraIntrinsics, settings: LocalizationSettings) -> None:
         self._settings = settings
+        self._intrinsics = intrinsics
         camera = SlamCamera.of(intrinsics, slam_map.camera.bf_px_m)
         self._map = replace(slam_map, camera=camera)
         # Another camera reads its pictures otherwise.
@@ -137,7 +147,14 @@ class Localizer:
             self._extractor.look_for(min(count, self._feature_count))
 
     def locate(self, frame: Frame) -> Localization:
-        """Return the pose of a frame, its covariance and its quality."""
+        """Return the pose of a frame, its covariance and its quality.
+
+        Raises SensorError, with what to do, for a frame without a finite stamp, or of another size than the camera's;
+        what is remembered stays. Depth that is no finite distance above zero is unknown.
+        """
+        check_frame(frame, self._intrinsics)
+        frame = with_known_depth(frame)
+        self._bridge_gap(frame.stamp_s)
         image = grey_of(frame.colour_rgb)
         features = self._unrolled_as_expected(self._extractor.extract_grey(image, frame.depth_m))
         self._seen = DepthView(self._map.camera, frame.depth_m, image=image)
@@ -148,6 +165,18 @@ class Localizer:
         self._state = state or self._find(frame, features)
         self._keep_pace(frame.stamp_s)
         return _as_localization(self._state, frame.stamp_s, self._quality(self._state, frame.stamp_s))
+
+    def _bridge_gap(self, stamp_s: float) -> None:
+        """Doubt what is remembered, or forget it, where no frame came for a while."""
+        if self._state is None:
+            return
+        gap_s = stamp_s - self._state.last.stamp_s
+        if not 0.0 < gap_s <= MAX_GAP_S:
+            self.reset()
+        elif gap_s > MAX_UNSEEN_S:
+            covariance = walked_unseen(self._state.covariance, gap_s)
+            self._state = replace(self._state, before_last=None, covariance=covariance, confirmations=0)
+            self._pace.forget()
 
     # ------------------------------------------------------------------------------------------- rolling shutter
     def _unrolled_as_expected(self, features: Features) -> Features:
@@ -279,7 +308,7 @@ class Localizer:
     def _is_undisputed(self, matched: MapMatch, step_s: float) -> bool:
         """Tell whether a match fixes all of the pose: what surfaces leave open, few landmarks may leave open, too."""
         track = matched.track
-        if matched.fisheye is not None or not is_sparse(track):
+        if not matched.is_sparse:
             return True
         carried = self._depth.carried(self._seen, track.camera_from_world, step_s)
         if carried is None:
@@ -411,6 +440,8 @@ class Localizer:
         around = local_landmarks(self._map, self._near_keyframes(found.track.camera_from_world))
         match = self._with_fisheye(self._aid, found.track, around, frame, 1.0)
         if match is None or not match.is_convincing or match.found_count < RELOCALIZATION_INLIERS:
+            return None
+        if not self._is_undisputed(match, 0.0):
             return None
         return self._matched(None, match, frame, 1)
 

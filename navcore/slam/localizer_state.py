@@ -7,10 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from navcore.geometry import FloatArray
+from navcore.slam.depth_mapping import SPARSE_LANDMARKS
 from navcore.slam.fisheye_tracking import FisheyeMatch
 from navcore.slam.keyframes import IntArray
 from navcore.slam.map_evidence import MapEvidence
 from navcore.slam.pose_uncertainty import centre_of
+from navcore.slam.self_similarity import is_firm, is_sparse
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track
 
@@ -63,6 +65,12 @@ class MapMatch:
     def is_ample(self) -> bool:
         """Whether the front view shows so much that the fisheye picture would add nothing."""
         return self.track.inlier_count >= AMPLE_COUNT
+
+    @property
+    def is_sparse(self) -> bool:
+        """Whether few landmarks place the frame, in the front view and in the fisheye picture too."""
+        is_wide = self.fisheye is not None and self.fisheye.found_count >= SPARSE_LANDMARKS
+        return is_sparse(self.track) and not (is_wide and is_firm(self.track.information))
 
     @property
     def found_count(self) -> int:

@@ -18,10 +18,12 @@ from numpy.typing import NDArray
 from navcore.geometry import FloatArray
 from navcore.slam.bundle_kernels import classify, damp_points, eliminate, linearize, pair_blocks
 from navcore.slam.keyframes import INV_SIGMA2, IntArray
+from navcore.slam.nearest import nearest_index
 from navcore.slam.slam_map import SlamMap
 
 SAMPLED_KEYFRAMES = 60
-"""Key frames whose covariance is computed, evenly over the recording; the others take that of the nearest in time."""
+"""Key frames whose covariance is computed, evenly over the map, besides those on both sides of a leap; the others take
+that of the nearest on their side."""
 GAUGE_LEVER_M = 1.0
 """When the map is laid onto the truth, a radian of a key frame counts as much as this distance."""
 TIE_SIGMA_M = 0.1
@@ -58,10 +60,27 @@ def keyframe_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) ->
     factor = scipy.sparse.linalg.splu(
         information, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
-    sampled = np.unique(np.linspace(0, slam_map.keyframe_count - 1, SAMPLED_KEYFRAMES).round().astype(np.int64))
+    sampled, stands_for = _sampled(slam_map)
     covariances = _gauge_free(factor, _rigid_motions(slam_map), sampled)
-    nearest = np.abs(np.arange(slam_map.keyframe_count)[:, None] - sampled).argmin(axis=1)
-    return MAP_VARIANCE * np.ascontiguousarray(covariances[nearest])
+    return MAP_VARIANCE * np.ascontiguousarray(covariances[stands_for])
+
+
+def _sampled(slam_map: SlamMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the key frames (n,) whose covariance is computed, and which of them stands for each key frame (K,).
+
+    Where a recording ends, and where nothing seen led on, the covariance leaps: both sides are computed, and none
+    stands for a key frame on the other side.
+    """
+    count = slam_map.keyframe_count
+    leaps: BoolArray = np.any(slam_map.keyframe_drift != 0.0, axis=(1, 2))
+    leaps[1:] |= np.diff(slam_map.keyframe_session) != 0
+    leaps[0] = True
+    begins = np.flatnonzero(leaps)
+    evenly = np.linspace(0, count - 1, SAMPLED_KEYFRAMES).round().astype(np.int64)
+    sampled = np.unique(np.concatenate([evenly, begins, begins[1:] - 1, [count - 1]]))
+    # Whatever lies beyond a leap is farther away than anything on this side.
+    places = np.arange(count) + 2.0 * count * np.cumsum(leaps)
+    return sampled, nearest_index(places[sampled], places)
 
 
 def _reduced_system(slam_map: SlamMap, is_edge: BoolArray | None) -> tuple[FloatArray, IntArray, IntArray]:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navcore.errors import MappingError
+from navcore.frame_check import check_frame, with_known_depth
 from navcore.geometry import FloatArray
 from navcore.slam import anchoring, mapping
 from navcore.slam.blind_steps import BlindSteps
@@ -126,6 +127,7 @@ class Mapper:
         self._is_fixed = True
         self._blind = BlindSteps()
         self._carried: Carried | None = None
+        self._last_stamp_s: float | None = None
         self._last: Track | None = None
         self._before_last: Track | None = None
         self._velocity = np.zeros(6)
@@ -205,7 +207,13 @@ class Mapper:
         return self._counts[2]
 
     def add(self, frame: Frame) -> bool:
-        """Track a frame, and extend the map where it is due. Return whether the frame was tracked."""
+        """Track a frame, and extend the map where it is due. Return whether the frame was tracked.
+
+        Raises SensorError, with what to do, for a frame without a finite stamp, not later than the one before, or of
+        another size than the camera's; the map stays as it was. Depth that is no finite distance above zero is unknown.
+        """
+        check_frame(frame, self.intrinsics, self._last_stamp_s)
+        frame, self._last_stamp_s = with_known_depth(frame), frame.stamp_s
         image = grey_of(frame.colour_rgb)
         features = self._extractor.extract_grey(image, frame.depth_m)
         self.settle()

@@ -268,10 +268,19 @@ def _drop(builder: MapBuilder, seen: Observations, wrong: BoolArray, landmarks: 
 
 # ----------------------------------------------------------------------------------------------------- culling
 def cull_redundant_keyframes(builder: MapBuilder, keyframe: int) -> int:
-    """Cull neighbours of a key frame whose landmarks others show as well; return how many."""
+    """Cull neighbours of a key frame whose landmarks others show as well; return how many.
+
+    What is known of no landmark stays: the place that depth gave a key frame, and how far it may have drifted.
+    """
     neighbours, _ = builder.covisible(keyframe, 15)
     culled = 0
-    protected = {0, keyframe, *builder.depth_carried, *(k for i, j, _ in builder.loop_edges for k in (i, j))}
+    protected = {
+        0,
+        keyframe,
+        *builder.depth_carried,
+        *builder.drifts,
+        *(k for i, j, _ in builder.loop_edges for k in (i, j)),
+    }
     for neighbour in neighbours.tolist():
         if neighbour in protected:
             continue

@@ -45,6 +45,9 @@ DRIFT_SIGMA_RAD = 0.0016
 MAX_SPEED_M_S = 2.0
 STEP_M = 0.1
 """Nobody moves faster, the first 10 cm aside; what odometry says beyond that is a mistake."""
+UNSEEN_SIGMA_M_S = 0.7
+UNSEEN_SIGMA_RAD_S = 0.5
+"""Standard deviation, per axis and second, of what somebody does while no frame comes: about a walker's speed."""
 DRIFTED_M = 1.0
 """So far can a frame have drifted before it is found again."""
 AMBIGUITY_SIGMA_M = 0.3
@@ -123,6 +126,11 @@ def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:
     growth_rad2 = (DRIFT_SHARE * turned_rad) ** 2 + DRIFT_SIGMA_RAD**2
     grown = covariance + _diagonal(growth_m2, growth_rad2)
     return grown + covariance_in_world(after.camera_from_world, after.information) if after.information.any() else grown
+
+
+def walked_unseen(covariance: FloatArray, gap_s: float) -> FloatArray:
+    """Return the covariance (6, 6) after ``gap_s`` without any frame: the walker may have gone on, or turned round."""
+    return covariance + _diagonal((UNSEEN_SIGMA_M_S * gap_s) ** 2, (UNSEEN_SIGMA_RAD_S * gap_s) ** 2)
 
 
 def is_walkable(before: Track, after: Track) -> bool:

@@ -320,6 +320,20 @@ def test_guidance_turns_and_mirrors_with_the_world(policy: str, situation: dict,
         assert alike(one, other, -1.0), (one, other)
 
 
+@pytest.mark.parametrize("x_m", [0.25, 0.65, 0.95, 3.35])
+@pytest.mark.parametrize("turn_deg", [90.0, 180.0, 270.0])
+def test_midway_between_two_points_of_the_road_rounding_does_not_decide(x_m: float, turn_deg: float):
+    turn = math.radians(turn_deg)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    turned = rotation @ (x_m, 1.0)
+    as_it_is = closest_point(route_along(*CORNERS), Pose2D(x_m, 1.0, AHEAD), None, 4.0)
+    other = closest_point(
+        route_along(*(tuple(rotation @ each) for each in CORNERS)),
+        Pose2D(float(turned[0]), float(turned[1]), world_angle(turn)), None, 4.0,
+    )  # fmt: skip
+    assert as_it_is == other
+
+
 @given(situation=situations())
 @settings(deadline=None)
 def test_the_same_again_is_the_same(situation: dict):

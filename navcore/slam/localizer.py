@@ -86,7 +86,7 @@ MAX_ODOMETRY_S = 10.0
 MAX_UNSEEN_S = 1.0
 """After so long without any frame, what was known of the pose is confirmed anew, and of the velocity forgotten."""
 MAX_GAP_S = 2.0
-"""After so long without any frame the walker may be at another place that looks alike: it is searched for everywhere."""
+"""After so long without any frame the walker may be at another place that looks alike: all of the map is searched."""
 MAX_UNMATCHED_S = 0.15
 """After so long without the map, a pose is only Uncertain."""
 SEARCH_INTERVAL_S = 0.5

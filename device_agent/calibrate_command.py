@@ -238,7 +238,8 @@ def _keep(arguments: argparse.Namespace, part: str, value: Any, lines: list[str]
     revision: int | None = None
     store = _store(arguments)
     if not arguments.dry_run:
-        stored = store.load()
+        stored, warning = _newest(store)
+        lines = [*lines, *warning]
         calibration = Calibration() if stored is None else stored.calibration
         # A part is a value of the class that its field names: the fields are those of Calibration.
         revision = store.store(replace(calibration, **{part: value}), time.time()).revision
@@ -248,6 +249,16 @@ def _keep(arguments: argparse.Namespace, part: str, value: Any, lines: list[str]
     kept = "Nothing was stored." if revision is None else f"Stored as revision {revision} in {store.path}."
     sys.stdout.write("\n".join([*lines, kept]) + "\n")
     return 0
+
+
+def _newest(store: CalibrationStore) -> tuple[StoredCalibration | None, list[str]]:
+    """Return what is stored or, where that is damaged, the newest that is kept, and what there is to say then."""
+    try:
+        return store.load(), []
+    except InputError as error:
+        kept = list(store.history())
+        since = f"its other parts are those of revision {kept[-1].revision}" if kept else "nothing else is kept"
+        return (kept[-1] if kept else None), [f"{error} It has been replaced; {since}."]
 
 
 def _show(arguments: argparse.Namespace) -> int:

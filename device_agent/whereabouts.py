@@ -39,7 +39,8 @@ def whereabouts(state: DeviceState, now_s: float) -> str:
     if state.mode not in (Mode.READY, Mode.LOCALIZING, Mode.GUIDING):
         parts.append(mode_text(state))
     parts += [_nearest(state, pose), *_way(state)]
-    return _joined(parts, language)
+    # Whoever has arrived is at the place that is nearest.
+    return _joined(list(dict.fromkeys(parts)), language)
 
 
 def costs_m(state: DeviceState, pose: Pose2D) -> dict[str, float]:

@@ -25,6 +25,7 @@ from navcore.calibrating.boards import (
     png_bytes,
 )
 from navcore.calibrating.lenses import measured_fisheye, measured_pinhole
+from navcore.calibration import Calibration, SonarAlignment
 from navcore.errors import InputError
 from navcore.fisheye_recording import FisheyeWriter, read_fisheye_camera
 from navcore.geometry import Transform, rotation_from_rotvec
@@ -166,6 +167,21 @@ def test_the_pinhole_is_measured_from_a_folder_and_stored(
     assert found.distortion[0] == pytest.approx(0.08, abs=0.05)
     assert quality.rms_px < 0.5
     assert quality.coverage > 0.5
+
+
+def test_a_damaged_file_is_replaced_by_measuring_again_and_the_parts_that_are_kept_stay(
+    pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    command = ["calibrate", "intrinsics", "--pictures", str(pictures), "--board", CHARUCO.words()]
+    store = CalibrationStore(tmp_path)
+    store.store(Calibration(sonar=SonarAlignment(5.0, 0.1, 0.01, 0.02, 0.0, 0.0, 60)), 1.0)
+    store.path.write_text("garbage")
+    assert main([*command, "--state", str(tmp_path)]) == 0
+    assert "replaced; its other parts are those of revision 1" in capsys.readouterr().out
+    stored = store.load()
+    assert stored is not None
+    assert stored.calibration.sonar is not None
+    assert stored.calibration.pinhole is not None
 
 
 @pytest.mark.parametrize("blur_px", [2.0, 6.0])

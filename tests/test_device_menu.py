@@ -210,6 +210,12 @@ def test_a_place_behind_a_wall_is_not_the_nearest() -> None:
     assert whereabouts(standing(where=located(0.4, 0.0)), 0.0) == "You are at Hall."
 
 
+def test_whoever_has_arrived_is_told_once_where_they_are() -> None:
+    state = standing(where=located(0.4, 0.0))
+    arrived = replace(state, mode=Mode.ARRIVED, destination_id=next(iter(state.graph.pois)))
+    assert whereabouts(arrived, 0.0) == "You are at Hall."
+
+
 def test_the_way_that_is_left_and_the_next_stops_are_told_fewer_to_whoever_walks() -> None:
     walking = leading()
     assert whereabouts(walking, 0.0) == (

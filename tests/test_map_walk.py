@@ -9,6 +9,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -281,6 +282,20 @@ def test_a_map_that_cannot_be_built_is_told_and_the_old_one_stays(tmp_path: Path
     assert "only" in state.reason
     assert not rig.site.exists()
     assert len(open_recording(rig.walk_folder)) == 4, "the recording is kept"
+
+
+def test_a_walk_of_a_few_steps_makes_no_map_that_takes_the_place_of_another(
+    tmp_path: Path, frames: list[Frame]
+) -> None:
+    """Buttons pressed by mistake, the wearer standing."""
+    rig = MapRig(tmp_path)
+    standing = [replace(frames[0], stamp_s=frames[0].stamp_s + 0.1 * number) for number in range(20)]
+    walked(rig, standing, ())
+    rig.walk([replace(frame, stamp_s=frame.stamp_s + 10.0) for frame in frames[:30]])
+    assert TEXTS["en"]["map_too_short"] in said(rig)
+    assert "Only 0.0 m were walked" in read_state(rig.walk_folder).reason
+    assert not rig.site.exists()
+    assert not list(rig.site.parent.glob(f".{rig.site.name}-walk-*"))
 
 
 def test_what_takes_the_device_down_is_not_begun_for_ever(tmp_path: Path, frames: list[Frame]) -> None:

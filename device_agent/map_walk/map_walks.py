@@ -75,6 +75,14 @@ def _today() -> str:
     return datetime.datetime.now(tz=datetime.UTC).date().isoformat()
 
 
+LEAST_ROAD_M = 1.0
+"""A map of less than this does not take the place of one that is in use: somebody pressed a button by mistake."""
+
+
+class _TooShortError(VbrError):
+    """A walk of which nobody wants a map."""
+
+
 class DeviceMapWalks:
     """Fulfils :class:`device_agent.ports.MapWalks`."""
 
@@ -158,16 +166,18 @@ class DeviceMapWalks:
         """Do a part of the work on a walk; what fails is said, and kept with the recording."""
         try:
             work(walk)
+        except _TooShortError as error:
+            self._fail(walk, str(error), "map_too_short")
         except (VbrError, OSError) as error:
-            _log.warning("%s: %s", walk.name, error)
-            self._fail(walk, str(error))
+            self._fail(walk, str(error), "map_not_built")
 
-    def _fail(self, walk: Path, reason: str) -> None:
+    def _fail(self, walk: Path, reason: str, told: str) -> None:
+        _log.warning("%s: %s", walk.name, reason)
         try:
             write_state(walk, msgspec.structs.replace(read_state(walk), stage="failed", reason=reason))
         except OSError as error:
             _log.warning("%s: its state cannot be written (%s)", walk.name, error)
-        self._news(Phrase("map_not_built"))
+        self._news(Phrase(told))
 
     def _complete(self, recording: WalkRecording) -> None:
         def work(walk: Path) -> None:
@@ -218,6 +228,9 @@ class DeviceMapWalks:
     def _hand_to_agent(self, walk: Path) -> None:
         staging = self._plan.staging(walk)
         site = load_site(staging)
+        if site.report["road_m"] < LEAST_ROAD_M:
+            shutil.rmtree(staging, ignore_errors=True)
+            raise _TooShortError(f"Only {site.report['road_m']:.1f} m were walked: the map from before stays.")
         localizer = self._make_localizer(site, self._intrinsics, self._settings)
         self._submit(PreparedMap(staging, map_checksum(staging), site, localizer, report_told(site.report)))
 

@@ -166,7 +166,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         CuePriority.REASSURANCE, "How the recording or the building of a map goes on; not said while somebody is led.",
         _SPOKEN, "no other", "no",
         ("map_none", "map_picture", "map_walk_found", "map_walk_loop", "map_recorded", "map_handed_over",
-         "map_building", "map_not_built",
+         "map_building", "map_not_built", "map_too_short",
          "map_unfinished", "map_built", "map_built_good", "map_built_weak"),
     ),
     CueKind.TURN_AHEAD: CueEntry(

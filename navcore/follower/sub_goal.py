@@ -101,8 +101,8 @@ def bend_rad(chord: FloatArray, step: FloatArray) -> float:
 def _distances_m(route: Route, pose: Pose2D, first: int, last: int) -> FloatArray:
     """Return the distances (n,), those that differ by rounding alone made the same: the first point counts then."""
     offsets = route.points_m[first:last] - (pose.x_m, pose.y_m)
-    distances_m: FloatArray = np.round(np.hypot(offsets[:, 0], offsets[:, 1]), 9)
-    return distances_m
+    distances_m: FloatArray = np.hypot(offsets[:, 0], offsets[:, 1])
+    return distances_m.round(9)
 
 
 def _next_sub_goal(route: Route, from_index: int, passed_index: int, settings: FollowerSettings) -> SubGoal:

@@ -21,7 +21,7 @@ from navcore.cues.directions import DirectionStyle, move_text, told_move_deg, to
 from navcore.cues.synthesis import steer_cue, stop_cue, tick_cue
 from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.cues.texts import EXPLANATIONS, STOP_TEXTS, TEXTS, Language, speech_duration_s
-from navcore.errors import InputError
+from navcore.errors import InputError, SensorError
 from navcore.types import Reason
 
 QUIET_PLACE = 1e-4
@@ -163,6 +163,15 @@ def test_the_last_cue_is_heard_out_and_what_would_be_cut_off_at_once_is_skipped(
     go_on.set()
     output.close()
     assert calls == [("play", len(render_cue(first, Speech()))), ("play", len(render_cue(last, Speech()))), ("wait", 0)]
+
+
+def test_a_system_without_portaudio_is_told_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """The package is there, and fails as it does where the system's library is missing."""
+    (tmp_path / "sounddevice.py").write_text('raise OSError("PortAudio library not found")\n')
+    monkeypatch.delitem(sys.modules, "sounddevice", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(SensorError, match="apt-get install libportaudio2"):
+        SoundDeviceOutput(Speech())
 
 
 def test_a_disk_that_is_full_ends_the_sound_file_and_nothing_else(tmp_path: Path) -> None:

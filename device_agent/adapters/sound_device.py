@@ -30,8 +30,12 @@ class SoundDeviceOutput:
             raise MissingPackageError(
                 "Sound needs the package 'sounddevice': run `pip install 'virtual-blind-road[audio]'`."
             ) from error
+        except OSError as error:
+            raise SensorError(
+                f"The system's PortAudio cannot be loaded ({error}): run `apt-get install libportaudio2`, or use --wav."
+            ) from error
         except Exception as error:
-            # The package raises errors of its own, and OSError where the system's PortAudio is missing.
+            # The package raises errors of its own.
             raise SensorError(f"There is no sound device to play on ({error}): plug one in, or use --wav.") from error
         self._speech = speech
         self._cues = WaitingCues()

@@ -248,6 +248,17 @@ def test_eq5_truth_table(optimal_deg: float | None, state: SonarState, distance_
     assert walked is None or walked == optimal
 
 
+@pytest.mark.parametrize(
+    ("optimal_deg", "bearing_deg", "is_walked"),
+    [(6, 6, False), (-6, -6, False), (13, 6, False), (-1, 6, False), (-6, 6, True), (6, -6, True), (0, 8, True)],
+)
+def test_eq5_the_field_lies_where_the_rangefinder_looks(optimal_deg: float, bearing_deg: float, is_walked: bool):
+    """A rangefinder that is mounted aside, as calibration found it."""
+    optimal = relative_angle(math.radians(optimal_deg))
+    reading = SonarReading(0.0, OK, 1.0, bearing_rad=math.radians(bearing_deg))
+    assert (walking_direction(optimal, reading, 2.0, GATE) is not None) == is_walked
+
+
 @settings(deadline=None)
 @given(st.floats(-math.pi, math.pi), st.floats(0.0, 6.0), st.floats(0.5, 4.0), st.floats(0.0, 6.0))
 def test_eq5_never_opens_what_a_farther_echo_closes(

@@ -147,7 +147,7 @@ def test_a_route_of_one_point_has_a_closest_point():
     assert closest_point(route_along((1, 1), (1, 1)), pose(4, 5), None, WINDOW_M)[1] == pytest.approx(5.0)
 
 
-@pytest.mark.parametrize("error_deg", [100.0, 133.0, 157.0, -100.0, -157.0])
+@pytest.mark.parametrize("error_deg", [90.5, 100.0, 133.0, 157.0, -90.5, -157.0])
 def test_who_lost_the_place_on_one_side_turns_by_the_other_all_the_way(error_deg: float):
     left_deg, before, last = error_deg, None, None
     while abs(left_deg) > 5.0:
@@ -157,4 +157,5 @@ def test_who_lost_the_place_on_one_side_turns_by_the_other_all_the_way(error_deg
 
 
 def test_a_short_turn_is_made_the_short_way_whatever_was_lost():
-    assert turn_to_route(rad(60.0), None, None, rad(120.0))[1] == pytest.approx(rad(60.0))
+    for error_deg in (60.0, 89.5):
+        assert turn_to_route(rad(error_deg), None, None, rad(120.0))[1] == pytest.approx(rad(error_deg))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from device_agent.experiments.design import Trial
     from device_agent.experiments.running import Figures
+    from navcore.settings import Settings
 
 _MEMORY_OF_A_WALK_BYTES = 1.5e9
 
@@ -56,17 +57,19 @@ def _run(arguments: argparse.Namespace) -> int:
             report(len(done), len(wanted))
 
         run_all(todo, site, walks, settings, arguments.jobs or _jobs(), take)
-    _write(out, [done[trial.key] for trial in wanted], list(seeds), _command(arguments, first))
+    _write(out, [done[trial.key] for trial in wanted], list(seeds), _command(arguments, first), settings)
     return 0
 
 
-def _write(out: Path, figures: list[Figures], seeds: list[int], command: str) -> None:
+def _write(out: Path, figures: list[Figures], seeds: list[int], command: str, settings: Settings) -> None:
+    from device_agent.experiments.least import forced_means_m
     from device_agent.experiments.pictures import draw_all
     from device_agent.experiments.tables import as_csv, as_markdown, rows
 
     table = rows(figures)
-    (out / "experiments.csv").write_text(as_csv(table), encoding="utf-8")
-    (out / "experiments.md").write_text(as_markdown(table, seeds, command), encoding="utf-8")
+    forced = forced_means_m(figures, settings.obstacle.person_width_m / 2.0)
+    (out / "experiments.csv").write_text(as_csv(table, forced), encoding="utf-8")
+    (out / "experiments.md").write_text(as_markdown(table, forced, seeds, command), encoding="utf-8")
     pictures = draw_all(figures, out)
     failed = [walk for walk in figures if not walk.arrived or walk.contacts]
     for walk in failed:

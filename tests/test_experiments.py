@@ -6,6 +6,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,6 +16,7 @@ import pytest
 from device_agent.experiments import running
 from device_agent.experiments.course import COURSES, with_course, with_people_starting
 from device_agent.experiments.design import FIRST_REPORTING_SEED, PATHS, Trial, trials
+from device_agent.experiments.least import forced_means_m, least_line_m, stations_of
 from device_agent.experiments.pictures import draw_all
 from device_agent.experiments.running import Figures, digest, kept, run_all
 from device_agent.experiments.tables import PAPER, as_csv, as_markdown, rows
@@ -49,13 +51,55 @@ def test_the_papers_rows_are_there_and_a_row_is_the_mean_over_its_walks() -> Non
     assert (row.walks, row.arrived, row.contacts) == (4, 3, 2)
     assert row.largest_m == 0.8
     assert row.max_m == pytest.approx((0.4 + 0.8 + 0.4) / 3)
-    read = list(csv.DictReader(io.StringIO(as_csv([row]))))
+    read = list(csv.DictReader(io.StringIO(as_csv([row], {}))))
     assert float(read[0]["paper_mean_m"]) == PAPER[1, "A→B", "totally blind"].mean_m
     assert float(read[0]["mean_m"]) == pytest.approx(row.mean_m, abs=1e-4)
-    page = as_markdown([row], [2000, 2001], "vbr experiments --seeds 2")
+    page = as_markdown([row], {}, [2000, 2001], "vbr experiments --seeds 2")
     assert "3 of 4" in page
     assert "320×240" in page
     assert math.isnan(rows([unknown])[0].max_m)
+
+
+STATIONS, LEFT = stations_of(np.array([[0.0, 0.0], [10.0, 0.0]]))
+
+
+def _post(y_m: float) -> Callable[[float, float], float]:
+    return lambda x, y: math.hypot(x - 5.0, y - y_m)
+
+
+def test_the_least_line_keeps_the_distance_and_is_on_the_road_elsewhere() -> None:
+    line_m = least_line_m(STATIONS, LEFT, _post(0.2), 0.35)
+    assert line_m is not None
+    assert line_m.min() == pytest.approx(-0.15, abs=0.021), "to the side that is nearer to the road"
+    assert np.all(line_m[np.abs(STATIONS[:, 0] - 5.0) > 1.0] == 0.0)
+    assert np.abs(np.diff(line_m)).max() <= 0.4 * 0.1 + 1e-9, "no steeper than people are led"
+    mirrored_m = least_line_m(STATIONS, LEFT, _post(-0.2), 0.35)
+    assert mirrored_m is not None
+    assert mirrored_m == pytest.approx(-line_m)
+
+
+def test_there_is_no_least_line_where_nobody_fits() -> None:
+    assert least_line_m(STATIONS, LEFT, lambda x, _y: abs(x - 5.0), 0.35) is None
+
+
+def test_what_a_course_forces_is_the_least_line_and_the_walkers_own_sway() -> None:
+    steady = replace(
+        FIGURES, policy="road_centred", path="D→C",
+        route_m=[[19.0, 16.9], [19.0, 14.0], [23.0, 14.0]], path_m=[[19.0, 16.9 - 0.1 * k] for k in range(29)]
+        + [[19.0 + 0.1 * k, 14.0] for k in range(36)],
+    )  # fmt: skip
+    swaying = replace(steady, path_m=[[x, y + 0.1 * (-1) ** k] for k, (x, y) in enumerate(steady.path_m)])
+    key = steady.path, steady.sight
+    (least_m,) = forced_means_m([steady], 0.35).values()
+    assert 0.0 < least_m < 0.2, "a low box stands beside the way"
+    assert forced_means_m([swaying], 0.35)[key] > least_m
+    assert forced_means_m([steady], 0.45)[key] > least_m
+    assert forced_means_m([replace(steady, policy="paper"), replace(steady, experiment=2)], 0.35) == {}
+    row = rows([replace(steady, experiment=2)])
+    page = as_markdown(row, {key: least_m}, [1], "vbr experiments")
+    assert f"*forced* | | | | {least_m:.3f} m" in page
+    read = list(csv.DictReader(io.StringIO(as_csv(row, {key: least_m}))))
+    assert float(read[0]["forced_mean_m"]) == pytest.approx(least_m, abs=1e-4)
 
 
 def test_what_was_walked_with_other_code_or_cannot_be_read_is_walked_again(tmp_path: Path) -> None:

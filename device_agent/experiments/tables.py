@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
@@ -76,27 +76,32 @@ def rows(figures: Iterable[Figures]) -> list[Row]:
     return [_row(key, by_row[key]) for key in order if key in by_row]
 
 
-def as_csv(table: Sequence[Row]) -> str:
-    """Return the table, with the paper's figures in the last columns."""
+Forced = Mapping[tuple[str, str], float]
+"""By path and walker: the mean distance, metres, that the course forces (:mod:`device_agent.experiments.least`)."""
+
+
+def as_csv(table: Sequence[Row], forced: Forced) -> str:
+    """Return the table, with the paper's figures, and what the courses force, in the last columns."""
     out = io.StringIO()
     writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([*Row.__slots__, "paper_max_m", "paper_mean_m", "paper_variance_m2"])
+    writer.writerow([*Row.__slots__, "paper_max_m", "paper_mean_m", "paper_variance_m2", "forced_mean_m"])
     for row in table:
         printed = PAPER[row.experiment, row.path, row.sight]
         values = [getattr(row, name) for name in Row.__slots__]
+        least_m = forced.get((row.path, row.sight), math.nan) if row.experiment == 2 else math.nan
         writer.writerow(
-            [*(_cell(value) for value in values), printed.max_m, printed.mean_m, printed.variance_m2]
+            [*map(_cell, values), printed.max_m, printed.mean_m, printed.variance_m2, _cell(least_m)]
         )  # fmt: skip
     return out.getvalue()
 
 
-def as_markdown(table: Sequence[Row], seeds: Sequence[int], command: str) -> str:
+def as_markdown(table: Sequence[Row], forced: Forced, seeds: Sequence[int], command: str) -> str:
     """Return a page: how it was measured, a table for each experiment, and what went wrong."""
     parts = [_preface(seeds, command)]
     for experiment in EXPERIMENTS:
         chosen = [row for row in table if row.experiment == experiment]
         if chosen:
-            parts.append(_section(experiment, chosen))
+            parts.append(_section(experiment, chosen, forced if experiment == 2 else {}))
     return "\n".join(parts)
 
 
@@ -116,7 +121,7 @@ variance over time, then the mean of those over the walks; and the largest of al
 """
 
 
-def _section(experiment: int, table: Sequence[Row]) -> str:
+def _section(experiment: int, table: Sequence[Row], forced: Forced) -> str:
     number, title = ("I", "without obstacles") if experiment == 1 else ("II", "with obstacles")
     lines = [
         f"## Experiment {experiment}: {title} (the paper's Table {number})",
@@ -131,12 +136,23 @@ def _section(experiment: int, table: Sequence[Row]) -> str:
                 f"| {row.path} | {row.sight} | *the paper* | | | {printed.max_m:.2f} m | {printed.mean_m:.3f} m |"
                 f" {printed.variance_m2:.4f} m² | | |"
             )
+            least_m = forced.get((row.path, row.sight), math.nan)
+            if not math.isnan(least_m):
+                lines.append(f"| {row.path} | {row.sight} | *forced* | | | | {least_m:.3f} m | | | |")
         lines.append(
             f"| {row.path} | {row.sight} | `{row.policy}` | {row.arrived} of {row.walks} | {row.contacts} |"
             f" {row.max_m:.2f} m | {row.mean_m:.3f} m | {row.variance_m2:.4f} m² | {row.largest_m:.2f} m |"
             f" {row.seconds:.0f} s, {row.stopped_s:.0f} s |"
         )
+    if forced:
+        lines += ["", _FORCED]
     return "\n".join([*lines, ""])
+
+
+_FORCED = """*forced*: the mean that the course leaves to the same walkers if everything were known beforehand, and no
+turn and no step were ever lost: the least line that keeps half of a person's corridor from all that stands there, and
+the walkers' own sway on it, as they sway where nothing stands (`device_agent/experiments/least.py`). People who walk
+are left out of it."""
 
 
 def _row(key: tuple[int, str, str, str], walks: Sequence[Figures]) -> Row:

@@ -41,6 +41,8 @@ from navcore.follower.look import (
 from navcore.follower.road_centred import stopping_distance_m, walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
+from navcore.obstacle.corridor import clearance_ahead_m
+from navcore.obstacle.polar_grid import MAX_RANGE_M
 from navcore.settings import Settings
 from navcore.types import (
     Action,
@@ -78,6 +80,8 @@ _FASTEST_M_S = 1.3
 """Faster than this nobody has walked who is guided: the pose has jumped."""
 _FIRST_STEPS_M = 1.6
 """So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
+_ASTRAY_M = 0.2
+"""The first steps are the least straight: wider than a person's corridor must be free for them, where it can be."""
 _FIRST_TURN_RAD = math.radians(20.0)
 """No farther aside is looked for a way on which the first steps are free."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
@@ -242,10 +246,21 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
 
     The first steps are made before a turn while walking has had its effect: they lead straight on.
     """
-    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _FIRST_STEPS_M
+    near = _first_steps_m(cycle, relative_angle(0.0)) < _FIRST_STEPS_M
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
     return _stands(cycle) and near and abs(direction) > faced_rad
+
+
+def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:
+    """Return how far the first steps in a direction are free, with room for those that go astray."""
+    scan, width_m = cycle.scan, cycle.settings.obstacle.person_width_m + _ASTRAY_M
+    # A direction that sounds like straight ahead is walked straight ahead.
+    walked_rad = 0.0 if _sounds_straight(cycle, direction) else direction
+    return clearance_ahead_m(
+        np.concatenate([scan.bearing_rad, scan.unseen_rad]) - walked_rad,
+        np.concatenate([scan.nearest_m, scan.unseen_m]), width_m, MAX_RANGE_M,
+    )  # fmt: skip
 
 
 def _stands(cycle: _Cycle) -> bool:
@@ -286,7 +301,8 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
         # Who begins to walk is in step before they can be steered: better where the first steps are free as well.
         near = tuple(each for each in heard if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
         near = walkable(near, max(required_m, _FIRST_STEPS_M))
-        first = optimal_direction(near, there.expected, heading, there.deviation_m, settings.follower, last)
+        roomy = tuple(each for each in near if _first_steps_m(cycle, each.angle) >= _FIRST_STEPS_M + _BODY_M)
+        first = optimal_direction(roomy or near, there.expected, heading, there.deviation_m, settings.follower, last)
         best = best if first is None else first
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:

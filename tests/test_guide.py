@@ -443,6 +443,23 @@ def test_the_first_steps_of_who_stands_lead_where_they_are_free():
     assert faced.clearance_m > 1.6
 
 
+def test_the_first_steps_of_who_stands_keep_away_from_what_is_just_beside_them():
+    """A chair 1.5 m ahead, a little beside a person's width: first steps that go astray would lead into it."""
+    here = at(2.0, stamp_s=5.0)
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    walls = (box(-1, 2.3, 9, 2.5), box(-1, -2.5, 9, -2.3))
+    for side in (1.0, -1.0):
+        chair = box(3.5, min(0.38 * side, 0.88 * side), 4.0, max(0.38 * side, 0.88 * side))
+        result = decide(here, seen(here, *walls, chair), stood)
+        assert (result.trace.nearest_ahead_m or 9.0) > 1.7, "a person's width is free straight ahead"
+        assert result.direction is not None
+        assert result.direction * side < math.radians(-4.0)
+        walking = decide(here, seen(here, *walls, chair), decide(here, seen(here, *walls)))
+        assert walking.action is Action.WALK, "whoever walks already has passed worse"
+    narrow = (box(-1, 0.4, 9, 0.6), box(-1, -0.6, 9, -0.4))
+    assert decide(here, seen(here, *narrow), stood).action is Action.WALK, "a corridor that is no wider is walked"
+
+
 def test_a_destination_before_a_wall_is_led_to():
     """0.45 m from a wall: whoever has arrived is stopped before it, so no margin is asked for beyond it."""
     route = route_along((0, 0), (8, 0))

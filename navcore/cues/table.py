@@ -87,11 +87,11 @@ _SIDES = ("left", "right")
 _SPOKEN = "speech, in the middle"
 
 _ANSWERS = (
-    *(f"mode_{mode.value}" for mode in Mode),
+    *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
     "on_duty", "off_duty", "map_offered", "map_begun", "map_place", "map_marked", "map_ended",
     "destination", "destination_console",
     *(f"refused_{why}" for why in (
-        "off_duty", "on_duty", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
+        "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
     "menu_by_distance", "menu_by_name", "menu_entry", "menu_entry_here", "menu_entry_unknown", "menu_closed",
     "menu_empty",

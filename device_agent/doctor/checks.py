@@ -106,7 +106,8 @@ def checks_of(patient: Patient) -> list[Check]:
         ),
         Check(
             "disk",
-            "Writes to the device's own folder; fails below 100 MiB of free space, warns below 1 GiB.",
+            "Writes to the device's own folder; fails where that cannot be done, or below 100 MiB of free space; warns"
+            " below 1 GiB, or where stored settings or events are damaged.",
             lambda: machine.check_disk(options.state),
         ),
         Check(

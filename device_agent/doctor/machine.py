@@ -12,10 +12,10 @@ from collections.abc import Callable
 from email.utils import parsedate_to_datetime
 from pathlib import Path
 
-from device_agent.doctor.findings import Finding, failed, ok, warning
-from navcore.errors import InputError
+from device_agent.device_store import DeviceStore
+from device_agent.doctor.findings import Finding, as_finding, failed, ok, warning
+from device_agent.state_health import damages, refuse_unwritable
 from navcore.site import load_site
-from navcore.site_files import write_whole
 
 _LOW_BYTES, _FULL_BYTES = 1 << 30, 100 << 20
 _LOW_MEMORY_BYTES, _NO_MEMORY_BYTES = 500 << 20, 150 << 20
@@ -40,22 +40,17 @@ def check_map(site: Path | None) -> Finding:
 
 
 def check_disk(folder: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free) -> Finding:
-    """Write to the device's own folder, and look how much room there is."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        free = free_bytes(folder)
-        probe = folder / ".doctor"
-        write_whole(probe, b"vbr doctor\n")
-        probe.unlink()
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be written ({error.strerror}): free the disk, run as the device's user, or name --state."
-        ) from error
+    """Write to the device's own folder, look how much room there is, and whether what is kept there can be read."""
+    refuse_unwritable(folder)
+    free = free_bytes(folder)
     found = f"{free / (1 << 30):.1f} GiB free at {folder}"
     if free < _FULL_BYTES:
         return failed(found, "free the disk: settings, events and logs are lost soon")
     if free < _LOW_BYTES:
         return warning(found, "free the disk: move recordings elsewhere")
+    # The site is no matter of what is kept in this folder.
+    for damage in damages(DeviceStore(folder, Path())):
+        return as_finding(warning, damage)
     return ok(found)
 
 

@@ -21,7 +21,7 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import NoMap, make_localizer
 from device_agent.logged_uplink import LoggedUplink
-from device_agent.logs import log_files
+from device_agent.logs import log_files, off_the_terminal
 from device_agent.map_download import staging_folder
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.orders import Lead, Order
@@ -70,6 +70,9 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         journal = None if options.console_url is None else _journal(store, kept, stack)
         for trouble in kept.troubles:
             _log.warning("%s", trouble)
+        if options.buttons is not None and options.buttons.kind == "keyboard":
+            # The keys and what the walker hears have the terminal to themselves; the log's file has the rest.
+            stack.enter_context(off_the_terminal())
         warm_up()
         notifier = ServiceNotifier()
         stack.callback(notifier.stopping)

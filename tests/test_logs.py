@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -109,6 +112,27 @@ def test_guidance_goes_on_while_the_log_has_no_disk(tmp_path: Path) -> None:
             LoggedUplink(rig.uplink).event(1.0, "sensor", "told")
         assert rig.lead_to().guidance.action is Action.WALK
     assert rig.events("sensor")[:3] == ["told"] * 3
+
+
+@pytest.mark.parametrize("terminal", [True, False])
+def test_nothing_is_shown_between_the_keys_of_a_terminal_and_all_of_it_is_kept(terminal: bool, tmp_path: Path) -> None:
+    script = (
+        "import logging, sys; from pathlib import Path; from device_agent import logs\n"
+        "logs.log_to_stderr(False); log = logging.getLogger('device_agent.test')\n"
+        "log.warning('before')\n"
+        "with logs.log_files(Path(sys.argv[1])), logs.off_the_terminal():\n    log.warning('within')\n"
+        "log.warning('after')\n"
+    )
+    ours, theirs = os.openpty() if terminal else os.pipe()
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], stderr=theirs, timeout=60, check=True)
+    shown = os.read(ours, 10_000).decode()
+    os.close(theirs)
+    os.close(ours)
+    assert done.returncode == 0
+    assert [word for word in ("before", "within", "after") if word in shown] == [
+        "before", *([] if terminal else ["within"]), "after"
+    ]  # fmt: skip
+    assert "within" in (tmp_path / "device.jsonl").read_text()
 
 
 def test_the_command_shows_the_last_lines_for_people_and_for_programs(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -179,3 +180,35 @@ def test_the_device_starts_says_what_is_wrong_and_works(how: str, tmp_path: Path
     for words in expected:
         assert any(words in text for text in told), (words, told)
         assert words in said
+
+
+@pytest.mark.slow
+def test_a_warning_does_not_spoil_the_window_in_which_keys_are_pressed(tmp_path: Path, console: Console) -> None:
+    state, token = tmp_path / "state", tmp_path / "token"
+    token.write_text("a-token-that-the-console-refuses")
+    command = [
+        sys.executable, "-m", "device_agent", "device", "--without-map", "--site", str(tmp_path / "site"),
+        "--simulated", "--state", str(state), "--console", f"ws://127.0.0.1:{console.port}", "--token-file", str(token),
+        "--buttons", "keyboard",
+    ]  # fmt: skip
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True)
+    os.close(theirs)
+    window = b""
+    try:
+        # What the walker hears is printed; the refusal is a warning, in the log alone.
+        while b"There is no map yet." not in window or not _logged(state, "refuses this device's token"):
+            assert select.select([ours], [], [], 120.0)[0], "nothing is printed"
+            window += os.read(ours, 10_000)
+            os.write(ours, b"m")
+    finally:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+        os.close(ours)
+    assert b"refuses" not in window
+    assert b"WARNING" not in window
+
+
+def _logged(state: Path, words: str) -> bool:
+    path = state / "logs" / "device.jsonl"
+    return path.exists() and words in path.read_text()

@@ -37,6 +37,7 @@ _MAX_PICTURES = 3000
 _ANOTHER_VIEW_SHARE = 0.06
 """A live picture counts once the board has moved by this share of the picture's width."""
 EXIT_DAMAGED = 1
+DEFAULT_BOARD = "charuco:8x6:30mm:22mm"
 _BOARD_HELP = "checkerboard:10x7:25mm or charuco:8x6:35mm:26mm: squares, side of a square, side of a marker"
 
 
@@ -79,7 +80,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 def _add_others(actions: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     board = actions.add_parser("board", help="draw a board to print (PDF or PNG, in its true size)")
     board.add_argument("target", type=Path, metavar="OUT", help="a file that ends in .pdf or .png")
-    board.add_argument("--board", default="charuco:8x6:30mm:22mm", metavar="BOARD", help=_BOARD_HELP)
+    board.add_argument("--board", default=DEFAULT_BOARD, metavar="BOARD", help=_BOARD_HELP)
     board.set_defaults(run=_board)
     show = actions.add_parser("show", help="what is stored, and what was before")
     add_state_options(show)

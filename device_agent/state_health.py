@@ -43,6 +43,11 @@ def damages(store: DeviceStore) -> list[InputError]:
     return found
 
 
+def largest_folders(folder: Path) -> str:
+    """Say how to find what fills the disk of a folder that is there."""
+    return f"`sudo du -xh {shlex.quote(str(_mount_point(folder)))} | sort -h | tail` shows the largest folders"
+
+
 def _what_is_wrong(folder: Path, error: OSError) -> str:
     above = _nearest_that_is_there(folder)
     if not above.is_dir():
@@ -54,11 +59,7 @@ def _what_is_wrong(folder: Path, error: OSError) -> str:
             " folder with --state DIR"
         )
     if error.errno in _FULL:
-        mounted = shlex.quote(str(_mount_point(above)))
-        return (
-            f"{folder} lies on a disk that is full: remove what is not needed"
-            f" (`sudo du -xh {mounted} | sort -h | tail` shows the largest folders)"
-        )
+        return f"{folder} lies on a disk that is full: remove what is not needed; {largest_folders(above)}"
     if error.errno in _FORBIDDEN:
         user = pwd.getpwuid(os.geteuid()).pw_name
         return (

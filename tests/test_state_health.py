@@ -51,7 +51,7 @@ def test_a_folder_that_nobody_can_make_is_told() -> None:
     ("number", "told"),
     [
         (errno.EROFS, ": run `sudo mount -o remount,rw /"),
-        (errno.ENOSPC, ": remove what is not needed (`sudo du -xh /"),
+        (errno.ENOSPC, ": remove what is not needed; `sudo du -xh /"),
         (errno.EDQUOT, ": remove what is not needed"),
         (errno.EACCES, ": run `sudo chown -R "),
         (errno.EIO, ": name another folder with --state DIR"),

@@ -100,7 +100,8 @@ def _caught(check: Check) -> Finding:
         return as_finding(failed, error)
     except Exception as error:
         return failed(
-            f"the check itself failed: {type(error).__name__}: {error}"[:300], "run it again with `vbr --debug doctor`"
+            f"the check itself failed: {type(error).__name__}: {error}"[:300],
+            "run it again with the same options as `vbr --debug doctor`",
         )
 
 

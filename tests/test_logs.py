@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from device_agent.cli import main
+from device_agent.demo_processes import _process, _tell_log
 from device_agent.logged_uplink import LoggedUplink
 from device_agent.logs import JsonLinesHandler, RotatedLines, json_line, log_files, readable_line
 from navcore.types import Action
@@ -150,3 +151,14 @@ def test_the_command_shows_the_last_lines_for_people_and_for_programs(
     assert [line.rpartition(": ")[2] for line in shown] == ["line 3", "line 4", "half a li"]
     assert main(["logs", "--state", str(tmp_path), "--lines", "2", "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[0])["text"] == "line 4"
+
+
+def test_what_a_process_of_the_demo_had_to_say_is_shown_once_it_has_failed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with (tmp_path / "console.log").open("wb") as log:
+        with _process(["console", "--site", str(tmp_path / "gone")], quiet=True, log=log) as process:
+            assert process.wait(60.0) == 2
+        assert capfd.readouterr().err == "", "not between the keys"
+        _tell_log(log)
+    assert "There is no site at" in capfd.readouterr().err

@@ -8,6 +8,7 @@ from fastapi import FastAPI, Request, Response
 
 from console.accounts import SESSION_LONGEST_S, User
 from console.bodies import FirstBody, InviteBody, LinkBody, SignInBody, TokenBody, UserChangeBody
+from console.device_store import checked_name
 from console.requests import Visitor, json_response, link_to
 from console.security import cookie_name, set_session_cookie
 from console.services import Services
@@ -88,8 +89,9 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
     @app.post("/api/tokens")
     def create_token(visitor: Visitor, body: TokenBody) -> Response:
         token = devices.create_token(body.name, visitor.user_name)
-        services.hub.close_named(" ".join(body.name.split()))
-        return json_response({"name": body.name, "token": token}, 201)
+        name = checked_name(body.name)
+        services.hub.close_named(name)
+        return json_response({"name": name, "token": token}, 201)
 
     @app.post("/api/tokens/revoke")
     def revoke_token(visitor: Visitor, body: TokenBody) -> Response:

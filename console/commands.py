@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,10 +13,12 @@ from console.config import ConsoleConfig
 from navcore.errors import InputError
 
 if TYPE_CHECKING:
+    from console.device_store import DeviceStore
     from console.server import Ready
     from console.store import Store
 
 DEFAULT_PORT = 8765
+_STAYS = "A device that is signed in just now stays so until its link breaks."
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -47,9 +50,16 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 
 
 def _add_token_command(below: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
-    token = below.add_parser("token", help="make the token that a device signs in with, or take it back")
-    token.add_argument("name", help="name of the device")
-    token.add_argument("--revoke", action="store_true", help="the device's token is void from now on")
+    token = below.add_parser(
+        "token",
+        help="make the token that a device signs in with, list the tokens, or take one back",
+        description="Print a new token for a device. Each device has one: a new one takes the place of an earlier one,"
+        " and says so.",
+    )
+    token.add_argument("name", nargs="?", help="name of the device")
+    what = token.add_mutually_exclusive_group()
+    what.add_argument("--list", action="store_true", help="list the devices that have a token, and when they were seen")
+    what.add_argument("--revoke", action="store_true", help="the device's token is void from now on")
     _add_places(token, argparse.SUPPRESS)
     token.set_defaults(run=run_token)
 
@@ -88,19 +98,51 @@ def _refuse_unwritable(path: Path | None) -> None:
 
 
 def run_token(arguments: argparse.Namespace) -> None:
-    """Print a new device token, or revoke one."""
+    """Print a new device token, list those there are, or revoke one."""
     from console.device_store import DeviceStore
 
+    if not arguments.list and arguments.name is None:
+        raise InputError("Which device? Give its name, as in `vbr console token glasses`, or list them with --list.")
     store = _open_store(arguments)
     devices = DeviceStore(store)
     try:
-        if arguments.revoke:
+        if arguments.list:
+            _list_tokens(devices)
+        elif arguments.revoke:
             devices.revoke_token(arguments.name, "command line")
-            sys.stdout.write(f"The token of {arguments.name} is void.\n")
+            sys.stdout.write(f"The token of {arguments.name} is void. {_STAYS}\n")
         else:
-            sys.stdout.write(devices.create_token(arguments.name, "command line") + "\n")
+            _make_token(devices, arguments.name)
     finally:
         store.close()
+
+
+def _make_token(devices: DeviceStore, name: str) -> None:
+    before = devices.valid_token(name)
+    sys.stdout.write(devices.create_token(name, "command line") + "\n")
+    if before is not None:
+        # On stderr, for the token itself goes into a file.
+        sys.stderr.write(
+            f"It takes the place of the token of {before.name} that {before.created_by} made on"
+            f" {_date(before.created_at_s)} (last used: {_date(before.last_seen_at_s)}): that one is void, so give the"
+            f" device this one. {_STAYS}\n"
+        )
+
+
+def _list_tokens(devices: DeviceStore) -> None:
+    tokens = devices.tokens()
+    if not tokens:
+        sys.stdout.write("No device has a token yet: make one with `vbr console token NAME`.\n")
+    for token in tokens:
+        state = "revoked" if token.revoked else "valid"
+        sys.stdout.write(
+            f"{token.name}: {state}, made by {token.created_by} on {_date(token.created_at_s)}, last used:"
+            f" {_date(token.last_seen_at_s)}\n"
+        )
+
+
+def _date(stamp_s: float | None) -> str:
+    return "never" if stamp_s is None else time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(stamp_s))
 
 
 def run_admin_link(arguments: argparse.Namespace) -> None:

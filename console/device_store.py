@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -18,6 +19,7 @@ from navcore.settings import SettingValue
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
+_NAME = re.compile(r"\w[\w .'()-]*")
 EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
@@ -31,6 +33,21 @@ class DeviceToken:
     created_at_s: float
     last_seen_at_s: float | None
     revoked: bool
+
+
+def checked_name(name: str) -> str:
+    """Return a device's name, with single spaces. Raises BadRequestError for one that people could not type or read."""
+    shown = _spaced(name)
+    if len(shown) > MAX_NAME_LENGTH or _NAME.fullmatch(shown) is None:
+        raise BadRequestError(
+            f"{name[:MAX_NAME_LENGTH]!r} is no name for a device: use 1 to {MAX_NAME_LENGTH} letters, digits, spaces"
+            " and - _ . ' ( ), and begin with a letter or digit."
+        )
+    return shown
+
+
+def _spaced(name: str) -> str:
+    return " ".join(name.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,13 +74,16 @@ class DeviceStore:
     # ------------------------------------------------------------------------------------------------- tokens
     def create_token(self, name: str, by: str) -> str:
         """Return a new token for the device of this name; an earlier one of the name is void from now on."""
-        shown = " ".join(name.split())
-        if not shown or len(shown) > MAX_NAME_LENGTH or not shown.isprintable():
-            raise BadRequestError(f"This name cannot be used: give 1 to {MAX_NAME_LENGTH} printable characters.")
+        shown = checked_name(name)
         token = new_token()
         with self._store.writing() as session:
             self._set_token(session, shown, token, by)
         return token
+
+    def valid_token(self, name: str) -> DeviceToken | None:
+        """Return what is known of the token of this name, where a device can sign in with it; else None."""
+        shown = _spaced(name)
+        return next((token for token in self.tokens() if token.name == shown and not token.revoked), None)
 
     def ensure_token(self, name: str, token: str, by: str) -> None:
         """Let a token that was made elsewhere in, for the device of this name."""
@@ -73,11 +93,15 @@ class DeviceStore:
                 self._set_token(session, name, token, by)
 
     def revoke_token(self, name: str, by: str) -> None:
-        """Lock a device out. Raises NotFoundError."""
+        """Lock a device out. Raises NotFoundError with the names there are."""
+        name = _spaced(name)
         with self._store.writing() as session:
             row = session.get(DeviceTokenRow, name)
             if row is None:
-                raise NotFoundError(f"There is no device {name!r}.")
+                names = ", ".join(session.scalars(select(DeviceTokenRow.name).order_by(DeviceTokenRow.name)))
+                raise NotFoundError(
+                    f"No device {name!r} has a token: choose one of those that have ({names or 'none'})."
+                )
             row.revoked_at_s = self._store.wall_s()
             self._store.add_audit(session, by, "token_revoked", name)
 

@@ -46,6 +46,7 @@ from device_agent.state import (
     Happened,
     MarkPlace,
     Notice,
+    Outdated,
     PreparedMap,
     SayAgain,
     StoreGraph,
@@ -307,6 +308,8 @@ class DeviceAgent:
                 self._report_cues(self._voice.say(effect, self.state.settings, now_s))
             case SayAgain():
                 self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
+            case Outdated():
+                self._voice.forget(effect.kinds)
             case MarkPlace():
                 self._parts.map_walks.mark(effect.name)
             case Happened():

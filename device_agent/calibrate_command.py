@@ -26,11 +26,18 @@ if TYPE_CHECKING:
     from navcore.calibration import Calibration, FisheyeCalibration, PinholeCalibration
 
 T = TypeVar("T")
+RESTART = (
+    "It counts once the device is started anew: run `sudo systemctl restart vbr-device`, or end `vbr device` and start"
+    " it again."
+)
+"""What is calibrated is read at the start alone: the lenses belong to cameras that are open."""
 _FLOOR_FRAMES, _SONAR_FRAMES, _BOARD_VIEWS = 30, 300, 20
 _MAX_PICTURES = 3000
 """Live pictures that are looked through for the board, at most: some minutes."""
 _ANOTHER_VIEW_SHARE = 0.06
 """A live picture counts once the board has moved by this share of the picture's width."""
+EXIT_DAMAGED = 1
+DEFAULT_BOARD = "charuco:8x6:30mm:22mm"
 _BOARD_HELP = "checkerboard:10x7:25mm or charuco:8x6:35mm:26mm: squares, side of a square, side of a marker"
 
 
@@ -45,7 +52,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         " keep still.",
     )
     _add_sources(floor)
-    floor.add_argument("--frames", type=_count, default=_FLOOR_FRAMES, help="frames to look at (default: %(default)s)")
+    floor.add_argument(
+        "--frames", type=_floor_frames, default=_FLOOR_FRAMES, help="frames to look at (default: %(default)s)"
+    )
     floor.set_defaults(run=_floor)
     sonar = actions.add_parser(
         "sonar",
@@ -55,7 +64,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     )
     _add_sources(sonar)
     sonar.add_argument("--sonar", metavar="NAME", help=f"with --camera, the rangefinder: {names_of('sonar')}")
-    sonar.add_argument("--frames", type=_count, default=_SONAR_FRAMES, help="frames to look at (default: %(default)s)")
+    sonar.add_argument(
+        "--frames", type=_sonar_frames, default=_SONAR_FRAMES, help="frames to look at (default: %(default)s)"
+    )
     sonar.set_defaults(run=_sonar)
     _add_lens(actions, "intrinsics", "the depth camera's colour lens, with a board", _intrinsics)
     fisheye = _add_lens(actions, "fisheye", "the fisheye camera's lens, with a board", _fisheye)
@@ -69,7 +80,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
 def _add_others(actions: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
     board = actions.add_parser("board", help="draw a board to print (PDF or PNG, in its true size)")
     board.add_argument("target", type=Path, metavar="OUT", help="a file that ends in .pdf or .png")
-    board.add_argument("--board", default="charuco:8x6:30mm:22mm", metavar="BOARD", help=_BOARD_HELP)
+    board.add_argument("--board", default=DEFAULT_BOARD, metavar="BOARD", help=_BOARD_HELP)
     board.set_defaults(run=_board)
     show = actions.add_parser("show", help="what is stored, and what was before")
     add_state_options(show)
@@ -93,7 +104,7 @@ def _add_lens(
     _add_sources(parser)
     parser.add_argument("--pictures", type=Path, metavar="DIR", help="a folder with pictures of the board")
     parser.add_argument("--board", required=True, metavar="BOARD", help=_BOARD_HELP)
-    parser.add_argument("--views", type=_count, default=_BOARD_VIEWS, help="live: pictures to use (%(default)s)")
+    parser.add_argument("--views", type=_board_views, default=_BOARD_VIEWS, help="live: pictures to use (%(default)s)")
     parser.set_defaults(run=run)
     return parser
 
@@ -108,10 +119,28 @@ def _add_sources(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--json", action="store_true", help="print the figures as JSON")
 
 
-def _count(text: str) -> int:
-    if not text.isdecimal() or not 1 <= int(text) <= 100_000:
-        raise argparse.ArgumentTypeError(f"{text!r} will not do: give a whole number from 1 to 100000")
+def _count(text: str, least: int) -> int:
+    if not text.isdecimal() or not least <= int(text) <= 100_000:
+        raise argparse.ArgumentTypeError(f"{text!r} will not do: give a whole number from {least} to 100000")
     return int(text)
+
+
+def _floor_frames(text: str) -> int:
+    from navcore.calibrating.floor import MIN_FRAMES
+
+    return _count(text, MIN_FRAMES)
+
+
+def _sonar_frames(text: str) -> int:
+    from navcore.calibrating.sonar import MIN_READINGS
+
+    return _count(text, MIN_READINGS)
+
+
+def _board_views(text: str) -> int:
+    from navcore.calibrating.lenses import MIN_VIEWS
+
+    return _count(text, MIN_VIEWS)
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -238,32 +267,33 @@ def _keep(arguments: argparse.Namespace, part: str, value: Any, lines: list[str]
     revision: int | None = None
     store = _store(arguments)
     if not arguments.dry_run:
-        stored, warning = _newest(store)
-        lines = [*lines, *warning]
+        stored, error = store.load_or_kept()
+        lines = [*lines, *_replaced(stored, error)]
         calibration = Calibration() if stored is None else stored.calibration
         # A part is a value of the class that its field names: the fields are those of Calibration.
         revision = store.store(replace(calibration, **{part: value}), time.time()).revision
     if arguments.json:
         _print_json({"revision": revision, "part": part, part: value, "said": lines})
         return 0
-    kept = "Nothing was stored." if revision is None else f"Stored as revision {revision} in {store.path}."
+    kept = "Nothing was stored." if revision is None else f"Stored as revision {revision} in {store.path}. {RESTART}"
     sys.stdout.write("\n".join([*lines, kept]) + "\n")
     return 0
 
 
-def _newest(store: CalibrationStore) -> tuple[StoredCalibration | None, list[str]]:
-    """Return what is stored or, where that is damaged, the newest that is kept, and what there is to say then."""
-    try:
-        return store.load(), []
-    except InputError as error:
-        kept = list(store.history())
-        since = f"its other parts are those of revision {kept[-1].revision}" if kept else "nothing else is kept"
-        return (kept[-1] if kept else None), [f"{error} It has been replaced; {since}."]
+def _replaced(kept: StoredCalibration | None, error: InputError | None) -> list[str]:
+    """Say what was put in the place of a damaged calibration."""
+    if error is None:
+        return []
+    since = "nothing else is kept" if kept is None else f"its other parts are those of revision {kept.revision}"
+    return [f"{str(error).rpartition(': ')[0]}. It has been replaced; {since}."]
 
 
 def _show(arguments: argparse.Namespace) -> int:
     store = _store(arguments)
-    stored = store.load()
+    try:
+        stored = store.load()
+    except InputError as error:
+        return _show_kept(store, error, as_json=arguments.json)
     if arguments.json:
         _print_json({"stored": stored, "history": list(store.history())})
         return 0
@@ -274,14 +304,27 @@ def _show(arguments: argparse.Namespace) -> int:
     sys.stdout.write("\n".join(calibration_lines(stored.calibration)) + "\n")
     for earlier in store.history():
         if earlier.revision != stored.revision:
-            sys.stdout.write(f"  before: revision {earlier.revision}, {_date(earlier.stored_s)}, {_parts(earlier)}\n")
+            sys.stdout.write(f"  before: {_in_a_line(earlier)}\n")
     return 0
+
+
+def _show_kept(store: CalibrationStore, error: InputError, *, as_json: bool) -> int:
+    """Show what can still be read where what runs cannot."""
+    kept = list(store.history())
+    if as_json:
+        _print_json({"stored": None, "damage": str(error), "history": kept})
+    else:
+        lines = [str(error), *(f"  kept: {_in_a_line(each)}" for each in kept)]
+        sys.stdout.write("\n".join([*lines, "" if kept else "  No earlier one is kept.\n"]))
+    return EXIT_DAMAGED
 
 
 def _restore(arguments: argparse.Namespace) -> int:
     store = _store(arguments)
     stored = store.restore(arguments.revision, time.time())
-    sys.stdout.write(f"Revision {arguments.revision} is the calibration again, as revision {stored.revision}.\n")
+    sys.stdout.write(
+        f"Revision {arguments.revision} is the calibration again, as revision {stored.revision}. {RESTART}\n"
+    )
     return 0
 
 
@@ -331,15 +374,15 @@ def _floor_lines(floor: Any) -> list[str]:
     )  # fmt: skip
     return [
         f"floor: {floor.height_m:.3f} ± {floor.height_sigma_m:.3f} m high, pitched"
-        f" {degrees(floor.pitch_rad):.1f} ± {degrees(floor.pitch_sigma_rad):.1f}° down, leaning"
-        f" {degrees(floor.roll_rad):+.1f} ± {degrees(floor.roll_sigma_rad):.1f}° to the right, from"
+        f" {degrees(floor.pitch_rad):z.1f} ± {degrees(floor.pitch_sigma_rad):.1f}° down, leaning"
+        f" {degrees(floor.roll_rad):+z.1f} ± {degrees(floor.roll_sigma_rad):.1f}° to the right, from"
         f" {floor.frame_count} frames, {_date(floor.made_s)}{gravity}"
     ]
 
 
 def _pinhole_lines(pinhole: PinholeCalibration) -> list[str]:
     lens, quality = pinhole.intrinsics, pinhole.quality
-    bent = " ".join(f"{each:+.4f}" for each in lens.distortion)
+    bent = " ".join(f"{each:+z.4f}" for each in lens.distortion)
     return [
         f"lens: {lens.width_px}×{lens.height_px}, fx {lens.fx_px:.2f} fy {lens.fy_px:.2f} cx {lens.cx_px:.2f} cy"
         f" {lens.cy_px:.2f} px, k1 k2 p1 p2 k3 {bent}",
@@ -352,7 +395,7 @@ def _fisheye_lines(fisheye: FisheyeCalibration) -> list[str]:
         fisheye.intrinsics,
         "" if fisheye.fisheye_from_camera else "; mounting unknown (--mounting)",
     )
-    bent = " ".join(f"{each:+.4f}" for each in lens.distortion)
+    bent = " ".join(f"{each:+z.4f}" for each in lens.distortion)
     return [
         f"fisheye: {lens.width_px}×{lens.height_px}, fx {lens.fx_px:.2f} fy {lens.fy_px:.2f} cx {lens.cx_px:.2f} cy"
         f" {lens.cy_px:.2f} px, k1 k2 k3 k4 {bent}; to {math.degrees(lens.max_angle_rad):.0f}° off its axis{mounted}",
@@ -379,9 +422,13 @@ def _sonar_lines(sonar: Any) -> list[str]:
     side = "left" if sonar.bearing_rad >= 0 else "right"
     return [
         f"sonar: looks {abs(math.degrees(sonar.bearing_rad)):.1f} ± {math.degrees(sonar.bearing_sigma_rad):.1f}° to the"
-        f" {side} of the camera, says {sonar.bias_m:+.3f} ± {sonar.bias_sigma_m:.3f} m too much, scatters by"
+        f" {side} of the camera, says {sonar.bias_m:+z.3f} ± {sonar.bias_sigma_m:.3f} m too much, scatters by"
         f" {sonar.residual_m:.3f} m, from {sonar.reading_count} readings, {_date(sonar.made_s)}"
     ]
+
+
+def _in_a_line(stored: StoredCalibration) -> str:
+    return f"revision {stored.revision}, {_date(stored.stored_s)}, {_parts(stored)}"
 
 
 def _parts(stored: StoredCalibration) -> str:
@@ -392,4 +439,4 @@ def _parts(stored: StoredCalibration) -> str:
 
 
 def _date(stamp_s: float) -> str:
-    return time.strftime("%Y-%m-%d %H:%M", time.localtime(stamp_s))
+    return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(stamp_s))

@@ -10,7 +10,8 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import json
-from collections.abc import Iterator
+import shlex
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import msgspec
@@ -23,7 +24,7 @@ FORMAT = "vbr-calibration"
 SCHEMA_VERSION = 1
 MAX_BYTES = 1 << 20
 _KEPT_COUNT = 50
-_ADVICE = "take an earlier one with `vbr calibrate restore`, or calibrate again"
+_CALIBRATE_AGAIN = "calibrate again (`vbr calibrate --help`)"
 
 
 class StoredCalibration(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -50,7 +51,14 @@ class CalibrationStore:
 
     def load(self) -> StoredCalibration | None:
         """Return what is stored; None where nothing has been yet. Raises InputError where it is damaged or newer."""
-        return read_calibration_file(self.path) if self.path.exists() else None
+        return read_calibration_file(self.path, self._advice) if self._is_there() else None
+
+    def load_or_kept(self) -> tuple[StoredCalibration | None, InputError | None]:
+        """Return what is stored or, where that cannot be read, the newest that is kept, and why."""
+        try:
+            return self.load(), None
+        except InputError as error:
+            return self._newest_kept(), error
 
     def store(self, calibration: Calibration, now_s: float) -> StoredCalibration:
         """Keep a calibration as the next revision, and the earlier ones in the history.
@@ -94,25 +102,44 @@ class CalibrationStore:
             raise InputError(f"There is no calibration {revision}: choose one of those that are kept ({kept}).")
         return self.store(read_calibration_file(path).calibration, now_s)
 
+    def _is_there(self) -> bool:
+        try:
+            return self.path.exists()
+        except OSError as error:
+            raise InputError(
+                f"{self.path} cannot be read ({error.strerror}): run this as the device's user."
+            ) from error
+
+    def _newest_kept(self) -> StoredCalibration | None:
+        return max(self.history(), key=lambda kept: kept.revision, default=None)
+
+    def _advice(self) -> str:
+        """Return what to do about a damaged calibration: a command as it is to be typed, where one helps."""
+        kept = self._newest_kept()
+        if kept is None:
+            return _CALIBRATE_AGAIN
+        folder = shlex.quote(str(self.path.parent))
+        return f"take the newest one that is kept with `vbr calibrate restore {kept.revision} --state {folder}`"
+
     def _history(self) -> list[Path]:
         found = self.history_folder.glob("*.json")
         return sorted((path for path in found if path.stem.isdecimal()), key=lambda path: int(path.stem))
 
 
-def read_calibration_file(path: Path) -> StoredCalibration:
-    """Read and check a calibration file. Raises InputError with what is wrong and what to do."""
+def read_calibration_file(path: Path, advice: Callable[[], str] = lambda: _CALIBRATE_AGAIN) -> StoredCalibration:
+    """Read and check a calibration file. Raises InputError with what is wrong and what to do (``advice``)."""
     try:
         data = path.read_bytes() if path.stat().st_size <= MAX_BYTES else b""
     except OSError as error:
-        raise InputError(f"{path} cannot be read ({error.strerror}): {_ADVICE}.") from error
+        raise InputError(f"{path} cannot be read ({error.strerror}): {advice()}.") from error
     try:
         raw = json.loads(data)
         _refuse_newer(path, raw)
         stored = msgspec.convert(raw, StoredCalibration)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"{path} is damaged ({error}): {_ADVICE}.") from error
+        raise InputError(f"{path} is damaged ({error}): {advice()}.") from error
     if stored.format != FORMAT or stored.schema_version < 1 or stored.sha256 != _checksum(stored):
-        raise InputError(f"{path} is damaged (its checksum is another): {_ADVICE}.")
+        raise InputError(f"{path} is damaged (its checksum is another): {advice()}.")
     return stored
 
 

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import BinaryIO
 from urllib.parse import urlsplit
 
 from device_agent.adapters.keyboard_buttons import HELP
@@ -24,6 +25,7 @@ STOP_TIMEOUT_S = 10.0
 CONSOLE_MUST_LAST_S = 10.0
 """A console that ends sooner than this after its start would only end again."""
 _POLL_S = 0.1
+_SHOWN_LINES = 20
 
 
 def run_device_alone(data: Path, site: Path, simulation: Sequence[str]) -> int:
@@ -59,16 +61,22 @@ def run_live_demo(data: Path, site: Path, port: int, simulation: Sequence[str]) 
         ]  # fmt: skip
 
     with ExitStack() as stack:
-        console = stack.enter_context(_process(console_command(port), quiet=True))
+        # Where keys are pressed in the terminal, what the console logs would stand in between.
+        log = stack.enter_context((data / "console.log").open("wb")) if _has_keys() else None
+        console = stack.enter_context(_process(console_command(port), quiet=True, log=log))
         ready = _wait_ready(ready_file, console, stop)
         if ready is None:
+            _tell_log(log)
             return console.wait(STOP_TIMEOUT_S) if console.poll() is not None else 0
         url = str(ready["url"])
         link = ["--console", url.replace("http", "ws", 1), "--token-file", str(token_file)]
         device = stack.enter_context(_device(_device_command(data, site, [*simulation, *link])))
         _greet(ready, site)
         again = console_command(urlsplit(url).port or port)
-        return _watch(device, console, lambda: stack.enter_context(_process(again, quiet=True)), stop)
+        code = _watch(device, console, lambda: stack.enter_context(_process(again, quiet=True, log=log)), stop)
+        if code:
+            _tell_log(log)
+        return code
 
 
 def _stopped_by_signals() -> threading.Event:
@@ -121,13 +129,20 @@ def _device_copy(site: Path, folder: Path) -> Path:
 
 @contextmanager
 def _process(
-    command: Sequence[str], quiet: bool = False, stdin: int | None = subprocess.DEVNULL
+    command: Sequence[str],
+    quiet: bool = False,
+    stdin: int | None = subprocess.DEVNULL,
+    log: BinaryIO | None = None,
 ) -> Iterator[subprocess.Popen[bytes]]:
-    """Run ``vbr COMMAND`` in a process of its own, and end it with the block; ``stdin`` None shares the terminal."""
+    """Run ``vbr COMMAND`` in a process of its own, and end it with the block; ``stdin`` None shares the terminal.
+
+    ``log`` is a file that takes what it writes to stderr; None shares ours.
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", "device_agent", *command],
         stdin=stdin,
         stdout=subprocess.DEVNULL if quiet else None,
+        stderr=log,
         # Ctrl-C reaches this process alone: it ends the others, in order.
         start_new_session=True,
     )
@@ -140,6 +155,14 @@ def _process(
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+
+
+def _tell_log(log: BinaryIO | None) -> None:
+    """Show the end of what a process that has failed had to say."""
+    if log is None:
+        return
+    lines = Path(log.name).read_text(encoding="utf-8", errors="replace").splitlines()
+    sys.stderr.write("".join(f"{line}\n" for line in lines[-_SHOWN_LINES:]))
 
 
 def _wait_ready(

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import threading
 import zlib
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
@@ -20,22 +21,24 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import NoMap, make_localizer
 from device_agent.logged_uplink import LoggedUplink
-from device_agent.logs import log_files
+from device_agent.logs import log_files, off_the_terminal
 from device_agent.map_download import staging_folder
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.orders import Lead, Order
 from device_agent.places import find_place
-from device_agent.ports import Clock, LocalizerPort, Uplink
+from device_agent.ports import Clock, LocalizerPort
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState, MapWalkTold, Phrase
+from device_agent.state_health import damages, refuse_unwritable
 from device_agent.warm_up import warm_up
 from navcore.calibration import Calibration
 from navcore.cues.table import CueKind
-from navcore.errors import InputError, SensorError, VbrError
+from navcore.cues.texts import TEXTS
+from navcore.errors import InputError, SensorError
 from navcore.folder_swap import recover
 from navcore.modes import Mode
 from navcore.obstacle.scan import scan
@@ -44,9 +47,11 @@ from navcore.settings import Settings
 from navcore.site import Site, map_checksum
 from navcore.site_files import MANIFEST
 from navcore.types import Frame
+from navcore.wire import Say
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
+_log = logging.getLogger(__name__)
 
 
 def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
@@ -55,23 +60,28 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     store = DeviceStore(options.state, options.site)
     site = _site(options, store)
     goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
-    store.prepare()
-    settings, revision = store.load_settings()
-    settings = settings.changed(options.changes)
-    stored = CalibrationStore(options.state).load()
-    calibration = Calibration() if stored is None else stored.calibration
-    warm_up()
+    kept = _kept(options, store)
+    settings = kept.settings
     real = SystemClock()
     paced = PacedClock(real, _LONGEST_STEP_CYCLES / options.rate_hz) if options.simulated else None
     clock: Clock = paced or real
     with ExitStack() as stack:
         stack.enter_context(log_files(options.state / "logs"))
+        journal = None if options.console_url is None else _journal(store, kept, stack)
+        for trouble in kept.troubles:
+            _log.warning("%s", trouble)
+        if options.buttons is not None and options.buttons.kind == "keyboard":
+            # The keys and what the walker hears have the terminal to themselves; the log's file has the rest.
+            stack.enter_context(off_the_terminal())
+        warm_up()
         notifier = ServiceNotifier()
         stack.callback(notifier.stopping)
         hardware = open_hardware(options, settings, clock, stack)
         localizer = NoMap() if site is None else make_localizer(site, hardware.camera.intrinsics, settings)
-        uplink = _uplink(options, store, real, stack)
-        state = replace(_first_state(options, site, settings, revision), calibration=calibration)
+        state = replace(_first_state(options, site, settings, kept.revision), calibration=kept.calibration)
+        uplink = NoUplink() if journal is None else _link(options, store, kept, journal, real, stack)
+        for trouble in [*kept.troubles, *filter(None, [store.went_back])]:
+            uplink.event(real.now_s(), "mode", trouble[:500])
         tap = _tap(options, stack)
         logged = LoggedUplink(RealTimeUplink(uplink, paced) if paced else uplink)
         parts = DeviceParts(
@@ -88,6 +98,8 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         agent = DeviceAgent(replace(parts, map_walks=walks), state, localizer)
         if site is None:
             agent.submit(MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_none"),)))
+        if kept.troubles:
+            agent.submit(Say(TEXTS[settings.cues.language]["storage_trouble"]))
         walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
@@ -97,6 +109,37 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         ends_itself = goal is not None and options.console_url is None
         agent.run(stopped, until_over=ends_itself)
         return 0 if not ends_itself or agent.state.purpose is Mode.ARRIVED or stopped.is_set() else 1
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """What the device's own folder had to give, and what is wrong with it."""
+
+    settings: Settings
+    revision: int
+    calibration: Calibration
+    writable: bool
+    troubles: list[str]
+    """Each says what is wrong and what to do; guidance goes on without what they tell of."""
+
+
+def _kept(options: DeviceOptions, store: DeviceStore) -> _Kept:
+    troubles, writable = [], True
+    try:
+        refuse_unwritable(options.state)
+    except InputError as error:
+        writable = False
+        troubles.append(f"{error} Until then settings, events, calibration and logs of this device are not kept.")
+    troubles += [str(damage) for damage in damages(store)]
+    settings, revision = store.load_settings()
+    stored, error_of_calibration = CalibrationStore(options.state).load_or_kept()
+    if error_of_calibration is not None:
+        runs = "none runs, and a camera that has moved is not noticed" if stored is None else (
+            f"revision {stored.revision} runs"
+        )  # fmt: skip
+        troubles.append(f"{error_of_calibration} Until then {runs}.")
+    calibration = Calibration() if stored is None else stored.calibration
+    return _Kept(settings.changed(options.changes), revision, calibration, writable, troubles)
 
 
 def _site(options: DeviceOptions, store: DeviceStore) -> Site | None:
@@ -145,24 +188,32 @@ def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:
     return recorder
 
 
-def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: ExitStack) -> Uplink:
-    if options.console_url is None:
-        return NoUplink()
+def _journal(store: DeviceStore, kept: _Kept, stack: ExitStack) -> EventJournal:
+    """Return the journal of events; one in memory where the disk takes none."""
     try:
         journal = EventJournal(store.journal_path)
-    except OSError as error:
-        raise VbrError(f"{options.state} cannot be written ({error.strerror}): name another with --state.") from error
+    except InputError as error:
+        if kept.writable:
+            kept.troubles.append(f"{error} Until then events wait in memory, and are lost when the device ends.")
+        journal = EventJournal(None)
     stack.callback(journal.close)
     if journal.damaged is not None:
-        text = f"The event journal was damaged and is kept as {journal.damaged.name}: events in it may be untold."
-        journal.append(clock.now_s(), "link", text)
-    if store.went_back:
-        journal.append(clock.now_s(), "link", store.went_back)
+        kept.troubles.append(
+            f"The event journal was damaged and is kept as {journal.damaged.name}: events in it may be untold."
+        )
+    return journal
+
+
+def _link(
+    options: DeviceOptions, store: DeviceStore, kept: _Kept, journal: EventJournal, clock: Clock, stack: ExitStack
+) -> ConsoleLink:
+    assert options.console_url is not None, "a journal is kept for a console alone"
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
         seed=zlib.crc32(options.device_id.encode()),
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
-    link.on_link_state = store.save_link_state
+    if kept.writable:
+        link.on_link_state = store.save_link_state
     stack.callback(link.stop)
     return link

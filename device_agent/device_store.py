@@ -6,6 +6,7 @@ import contextlib
 import json
 import logging
 import os
+import shlex
 from pathlib import Path
 
 import msgspec
@@ -45,16 +46,6 @@ class DeviceStore:
         self.went_back = ""
         """Why the map before the last one runs, as a sentence; empty while the last one does."""
 
-    def prepare(self) -> None:
-        """Make the device's own folder. Raises InputError where that cannot be."""
-        try:
-            self.state_folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise InputError(
-                f"{self.state_folder}, where settings and events are kept, cannot be made ({error.strerror}): name"
-                " another with --state."
-            ) from error
-
     @property
     def journal_path(self) -> Path:
         """Where events wait for the console."""
@@ -67,13 +58,26 @@ class DeviceStore:
     def load_settings(self) -> tuple[Settings, int]:
         """Return the settings that ran last, and their revision; the defaults where there are none that still fit."""
         try:
+            return self.stored_settings()
+        except InputError:
+            # Told at the start, and by the doctor (state_health.py).
+            return Settings(), 0
+
+    def stored_settings(self) -> tuple[Settings, int]:
+        """Return the settings that ran last, and their revision; the defaults where nothing was ever stored.
+
+        Raises InputError where what is stored is damaged, or fits this version no longer.
+        """
+        try:
             stored = json.loads(self._settings_path.read_text(encoding="utf-8"))
             return Settings().changed(stored["values"]), int(stored["revision"])
-        except FileNotFoundError:
+        except (FileNotFoundError, NotADirectoryError):
             return Settings(), 0
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, SettingError) as error:
-            _log.warning("the stored settings do not fit (%s): the defaults run", error)
-            return Settings(), 0
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SettingError) as error:
+            raise InputError(
+                f"The settings in {self._settings_path} cannot be used ({error}), and the defaults run: set them anew"
+                f" in the console, or run `rm {shlex.quote(str(self._settings_path))}` to keep the defaults."
+            ) from error
 
     def save_settings(self, settings: Settings, revision: int) -> None:
         """Keep the settings. Raises OSError."""

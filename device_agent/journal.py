@@ -22,6 +22,7 @@ from navcore.wire import MAX_STAMP_S, Event
 MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000
 _MAX_TEXT = 500
+_IN_MEMORY = ":memory:"
 _log = logging.getLogger(__name__)
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS event (
@@ -46,9 +47,11 @@ class EventJournal:
     """Takes events from any thread; gives those that are not confirmed yet, in order."""
 
     def __init__(
-        self, path: Path, on_stored: Callable[[], None] = lambda: None, max_count: int = MAX_EVENTS_ON_DISK
+        self, path: Path | None, on_stored: Callable[[], None] = lambda: None, max_count: int = MAX_EVENTS_ON_DISK
     ) -> None:
         """Open or make the journal; a damaged one is put aside, for nobody is to wait at home for a repair.
+
+        Without a path, events are kept in memory alone: where there is no disk, the console still hears of them.
 
         Of more than ``max_count`` events the oldest give way to one that says how many are missing. Raises InputError
         where the file cannot be written.
@@ -65,8 +68,7 @@ class EventJournal:
         self._unstored: list[_Occurrence] = []
         """What the disk did not take when it was its turn: tried again with what comes next."""
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            self._base, self.damaged = _opened(path)
+            self._base, self.damaged = _opened(path) if path is not None else (_connected(_IN_MEMORY), None)
         except (OSError, sqlite3.Error) as error:
             raise InputError(
                 f"The event journal {path} cannot be used ({error}): free the disk, or move the file away."
@@ -206,6 +208,7 @@ class EventJournal:
 
 def _opened(path: Path) -> tuple[sqlite3.Connection, Path | None]:
     """Return the journal's file, and where a damaged one was put. Raises OSError, sqlite3.Error."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     try:
         return _connected(path), None
     except sqlite3.OperationalError:
@@ -223,7 +226,26 @@ def _damaged(path: Path, count: int) -> Path:
     return path.with_name(f"{path.name}.damaged-{count}")
 
 
-def _connected(path: Path) -> sqlite3.Connection:
+def refuse_damaged(path: Path) -> None:
+    """Look whether a journal is whole, and change nothing. Raises InputError where it is not."""
+    if not path.is_file():
+        return
+    try:
+        with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:
+            (verdict,) = base.execute("PRAGMA quick_check(1)").fetchone()
+    except sqlite3.OperationalError:
+        # Locked, or a disk that cannot be written: nothing is known against the file.
+        return
+    except sqlite3.DatabaseError as error:
+        verdict = str(error)
+    if verdict != "ok":
+        raise InputError(
+            f"The event journal {path} is damaged ({verdict}), and events that the console has not had may be lost: run"
+            " `vbr device` with --console, which puts it aside, and replace the disk if this comes again."
+        )
+
+
+def _connected(path: Path | str) -> sqlite3.Connection:
     base = sqlite3.connect(path, check_same_thread=False, isolation_level=None)
     try:
         base.execute("PRAGMA journal_mode=WAL")

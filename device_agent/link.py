@@ -21,6 +21,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketExce
 from device_agent.journal import EventJournal
 from device_agent.link_settings import LinkedDevice, LinkRefusedError, LinkSettings
 from device_agent.link_state import LinkCondition, LinkState
+from device_agent.logged_uplink import log_event
 from device_agent.map_intake import MapIntake
 from device_agent.outbox import Outbox
 from device_agent.ports import Clock, EventKind, KeptMessage
@@ -216,6 +217,12 @@ class ConsoleLink:
             _log.warning("%s", reason)
             self.event(self._clock.now_s(), "link", str(reason))
 
+    def _happened(self, text: str) -> None:
+        """Tell of the link itself: in the log as well, for the console may be the one that cannot be told."""
+        now_s = self._clock.now_s()
+        log_event(now_s, "link", text)
+        self.event(now_s, "link", text)
+
     async def _session(self) -> None:
         async with connect(
             self._settings.url.rstrip("/") + "/device",
@@ -237,7 +244,7 @@ class ConsoleLink:
             finally:
                 await _ended(sending, receiving)
                 if not self._stopping:
-                    self.event(self._clock.now_s(), "link", "The console is gone.")
+                    self._happened("The console is gone.")
             for task in (receiving, sending):
                 if not task.cancelled():
                     task.result()
@@ -251,7 +258,7 @@ class ConsoleLink:
         self._outbox.joined()
         self._events_stored = True
         self._stands(LinkCondition.JOINED)
-        self.event(self._clock.now_s(), "link", "Joined the console.")
+        self._happened("Joined the console.")
 
     async def _welcome(self, socket: ClientConnection) -> Welcome:
         try:

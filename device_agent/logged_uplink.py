@@ -11,6 +11,12 @@ from navcore.wire import WalkerState
 _log = logging.getLogger(__name__)
 
 
+def log_event(stamp_s: float, kind: EventKind, text: str) -> None:
+    """Write an event to the log, as a warning where something has failed."""
+    level = logging.WARNING if kind in ("sensor", "watchdog") else logging.INFO
+    _log.log(level, "%s", text, extra={"kind": kind, "stamp_s": round(stamp_s, 3)})
+
+
 class LoggedUplink:
     """An uplink whose events are in the log as well: what a device without a console has met can be read there."""
 
@@ -31,6 +37,5 @@ class LoggedUplink:
 
     def event(self, stamp_s: float, kind: EventKind, text: str) -> None:
         """Log it, and pass it on."""
-        level = logging.WARNING if kind in ("sensor", "watchdog") else logging.INFO
-        _log.log(level, "%s", text, extra={"kind": kind, "stamp_s": round(stamp_s, 3)})
+        log_event(stamp_s, kind, text)
         self._uplink.event(stamp_s, kind, text)

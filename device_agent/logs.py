@@ -58,6 +58,20 @@ def log_files(folder: Path) -> Iterator[Path]:
         handler.close()
 
 
+@contextlib.contextmanager
+def off_the_terminal() -> Iterator[None]:
+    """Show nothing that is logged inside on stderr where that is a terminal: somebody presses keys and reads there."""
+    root = logging.getLogger()
+    shown = [each for each in root.handlers if isinstance(each, logging.StreamHandler) and each.stream.isatty()]
+    for handler in shown:
+        root.removeHandler(handler)
+    try:
+        yield
+    finally:
+        for handler in shown:
+            root.addHandler(handler)
+
+
 def json_line(record: logging.LogRecord) -> str:
     """Return a log record as one line of JSON."""
     stamp = datetime.fromtimestamp(record.created, UTC)

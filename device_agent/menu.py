@@ -80,6 +80,8 @@ def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
     if meaning == "offer a map walk":
         text = TEXTS[state.settings.cues.language]["map_offered"]
         return replace(state, map_offered_until_s=now_s + OPEN_FOR_S), (Notice(text, answers=True),)
+    if meaning is StateEvent.ON_DUTY and not state.has_map:
+        meaning = StateEvent.ON_DUTY_WITHOUT_MAP
     if isinstance(meaning, StateEvent):
         return _wish(state, meaning, now_s)
     if not _may_choose(state):

@@ -15,6 +15,7 @@ from device_agent.state import (
     Happened,
     MapWalkTold,
     Notice,
+    Outdated,
     PreparedMap,
     Step,
     StoreGraph,
@@ -23,6 +24,7 @@ from device_agent.state import (
 )
 from device_agent.states import StateEvent
 from device_agent.transitions import By, happen
+from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
 from navcore.errors import SettingError
 from navcore.obstacle.memory import ObstacleMemory
@@ -53,6 +55,8 @@ class Lead:
 Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
 """What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
+_OF_THE_MAP_BEFORE = Outdated(frozenset({CueKind.MAP_NEWS, CueKind.MAP_ADVICE, CueKind.ANSWER}))
+"""That there is no map, or how far it is built, is no longer true of a new one; nor is where a place is in the old."""
 
 
 def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkTold | Lead, now_s: float) -> Step:
@@ -99,7 +103,12 @@ def at_rest(state: DeviceState) -> Step:
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
             located=None, fixes=(), sure=None,
         )  # fmt: skip
-        effects += [SwapMap(prepared), MapRunning(prepared.checksum), GraphRunning(state.graph.version)]
+        effects += [
+            _OF_THE_MAP_BEFORE,
+            SwapMap(prepared),
+            MapRunning(prepared.checksum),
+            GraphRunning(state.graph.version),
+        ]
         if prepared.told is not None:
             effects += _words_of(state, prepared.told)
     if state.waiting_graph is not None:

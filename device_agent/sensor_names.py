@@ -15,6 +15,10 @@ class SensorName:
     where: str | None = None
     """A device, a serial number or a file, as the kind has it; None where none was named."""
 
+    def __str__(self) -> str:
+        """Return it as it is written on the command line."""
+        return self.kind if self.where is None else f"{self.kind}:{self.where}"
+
 
 @dataclass(frozen=True, slots=True)
 class _Kind:

@@ -111,7 +111,8 @@ def open_fisheye(path: str, options: DeviceOptions, clock: Clock) -> Reopening[F
 def _fisheye_camera(options: DeviceOptions) -> FisheyeCamera:
     if options.fisheye_calibration is not None:
         return read_fisheye_camera(options.fisheye_calibration)
-    stored = CalibrationStore(options.state).load()
+    # In the place of a damaged one; told at the start (device_process.py).
+    stored, _ = CalibrationStore(options.state).load_or_kept()
     camera = None if stored is None or stored.calibration.fisheye is None else stored.calibration.fisheye.camera
     if camera is None:
         raise InputError(

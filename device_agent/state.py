@@ -155,6 +155,11 @@ class DeviceState:
         return self.beneath or self.mode
 
     @property
+    def has_map(self) -> bool:
+        """There is a map to look for a position in."""
+        return bool(self.map_checksum)
+
+    @property
     def leading(self) -> bool:
         """Somebody is being led, even if they stand just now."""
         return self.on_the_way or self.purpose is Mode.PAUSED
@@ -210,6 +215,13 @@ class SayAgain:
 
 
 @dataclass(frozen=True, slots=True)
+class Outdated:
+    """What was said in cues of these kinds is no longer true: it is neither said late nor said again."""
+
+    kinds: frozenset[CueKind]
+
+
+@dataclass(frozen=True, slots=True)
 class Happened:
     """Something for the record, which reaches the console for certain."""
 
@@ -239,6 +251,6 @@ class SwapMap:
     prepared: PreparedMap
 
 
-Effect = KeptMessage | Notice | SayAgain | MarkPlace | Happened | StoreGraph | StoreSettings | SwapMap
+Effect = KeptMessage | Notice | SayAgain | Outdated | MarkPlace | Happened | StoreGraph | StoreSettings | SwapMap
 """What a step asks the agent to do in the world."""
 Step = tuple[DeviceState, tuple[Effect, ...]]

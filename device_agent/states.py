@@ -18,6 +18,7 @@ class StateEvent(enum.Enum):
     """What can happen; the value is its name for people."""
 
     ON_DUTY = "on duty"
+    ON_DUTY_WITHOUT_MAP = "on duty without a map"
     OFF_DUTY = "off duty"
     DESTINATION = "destination"
     STOP = "stop"
@@ -39,6 +40,7 @@ class StateEvent(enum.Enum):
 
 EVENT_SOURCES: dict[StateEvent, str] = {
     StateEvent.ON_DUTY: "button",
+    StateEvent.ON_DUTY_WITHOUT_MAP: "the same button, while there is no map in which a position could be looked for",
     StateEvent.OFF_DUTY: "button",
     StateEvent.DESTINATION: "button, or console (SetDestination), or `vbr device --to`",
     StateEvent.STOP: "button, or console (ClearDestination)",
@@ -61,9 +63,9 @@ EVENT_SOURCES: dict[StateEvent, str] = {
 
 WISHES = frozenset(
     {
-        StateEvent.ON_DUTY, StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.STOP, StateEvent.PAUSE,
-        StateEvent.RESUME, StateEvent.REPEAT, StateEvent.WHERE, StateEvent.MAP_BEGUN, StateEvent.MARK,
-        StateEvent.MAP_ENDED,
+        StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP, StateEvent.OFF_DUTY, StateEvent.DESTINATION,
+        StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME, StateEvent.REPEAT, StateEvent.WHERE,
+        StateEvent.MAP_BEGUN, StateEvent.MARK, StateEvent.MAP_ENDED,
     }
 )  # fmt: skip
 """What a person asks for: only this is ever refused. The other events are findings."""
@@ -137,7 +139,7 @@ _TELLS = _REPEATS | {StateEvent.WHERE: Transition(action=StateAction.TELL_WHERE)
 _NOBODY_LED = (
     _STAY_IN_ALL | _FAILS | _TELLS
     | _refusals(
-        on_duty=(StateEvent.ON_DUTY,),
+        on_duty=(StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP),
         not_led=(StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME),
         no_map_walk=(StateEvent.MARK, StateEvent.MAP_ENDED),
     )
@@ -150,7 +152,7 @@ _NOBODY_LED = (
 _LED = (
     _STAY_IN_ALL | _FAILS | _TELLS
     | _refusals(
-        on_duty=(StateEvent.ON_DUTY,),
+        on_duty=(StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP),
         led=(StateEvent.OFF_DUTY, StateEvent.MAP_BEGUN),
         not_paused=(StateEvent.RESUME,),
         no_map_walk=(StateEvent.MARK, StateEvent.MAP_ENDED),
@@ -167,6 +169,7 @@ STATES: dict[Mode, StateEntry] = {
                 StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME,
                 StateEvent.WHERE, StateEvent.MARK, StateEvent.MAP_ENDED,
             ),
+            no_map=(StateEvent.ON_DUTY_WITHOUT_MAP,),
         )
         | {
             StateEvent.ON_DUTY: Transition(Mode.LOCALIZING, StateAction.LOOK, "on_duty"),
@@ -178,8 +181,8 @@ STATES: dict[Mode, StateEntry] = {
         _STAY_IN_ALL | _FAILS | _REPEATS
         | _refusals(
             mapping=(
-                StateEvent.ON_DUTY, StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.PAUSE, StateEvent.RESUME,
-                StateEvent.WHERE, StateEvent.MAP_BEGUN,
+                StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP, StateEvent.OFF_DUTY, StateEvent.DESTINATION,
+                StateEvent.PAUSE, StateEvent.RESUME, StateEvent.WHERE, StateEvent.MAP_BEGUN,
             ),
         )
         | {

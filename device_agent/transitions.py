@@ -9,9 +9,10 @@ import enum
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from device_agent.state import DeviceState, Effect, Happened, MarkPlace, Notice, SayAgain, Step
+from device_agent.state import DeviceState, Effect, Happened, MarkPlace, Notice, Outdated, SayAgain, Step
 from device_agent.states import StateAction, StateEvent, Transition, answer
 from device_agent.whereabouts import mode_text, whereabouts
+from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
@@ -60,6 +61,9 @@ def happen(
     state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal))
     if state.purpose is not purpose and event not in _TOLD_OTHERWISE and transition.action is not StateAction.SET_OUT:
         effects = (mode_event(state), *effects)
+    if purpose is Mode.MAPPING and state.purpose is not purpose and event is not StateEvent.MAP_FAILED:
+        # Advice to who records holds while they do; that recording has failed is said as it ends.
+        effects = (Outdated(frozenset({CueKind.MAP_ADVICE})), *effects)
     return state, (*said, *effects)
 
 
@@ -160,7 +164,9 @@ def _tell_where(state: DeviceState, case: _Case) -> Step:
 
 def _begin_map(state: DeviceState, case: _Case) -> Step:
     state, effects = _end_way(_unseen(state), case)
-    return replace(state, mark_count=0), effects
+    # How an earlier walk or its map went on, or that there is none, is another story from now on.
+    outdated = Outdated(frozenset({CueKind.MAP_NEWS, CueKind.MAP_ADVICE}))
+    return replace(state, mark_count=0), (outdated, *effects)
 
 
 def _mark(state: DeviceState, case: _Case) -> Step:

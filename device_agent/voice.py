@@ -10,7 +10,7 @@ from device_agent.state import DeviceState, Notice
 from device_agent.states import may_be_told
 from navcore.cues.bus import CueBus
 from navcore.cues.memory import CueMemory
-from navcore.cues.speech import cues_for, repeat_last, say
+from navcore.cues.speech import cues_for, forget, repeat_last, say
 from navcore.cues.table import Cue, CueKind
 from navcore.modes import Mode
 from navcore.settings import Settings
@@ -74,6 +74,10 @@ class Voice:
             guidance = Guidance(now_s, Action.STOP, None, Reason.PAUSED, DecisionTrace())
         cues, self._memory = repeat_last(guidance, self._memory, state.settings, now_s, otherwise)
         return self._played(cues, now_s)
+
+    def forget(self, kinds: frozenset[CueKind]) -> None:
+        """Neither say late nor say again what was said in cues of these kinds: it is no longer true."""
+        self._memory = forget(kinds, self._memory)
 
     def _overruled(self, now_s: float) -> None:
         """The watchdog has said *Stop* in between: whatever else holds is to be said anew."""

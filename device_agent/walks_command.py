@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shlex
 import sys
 from collections import Counter
 from collections.abc import Iterable
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from device_agent.recording.replay import MakeLocalizer, ReplayedCycle
 
 EXIT_DIFFERENT = 1
-_SHOWN_DIFFERENCES = 10
+_SHOWN_DIFFERENCES, _SHOWN_VALUES = 10, 3
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -58,6 +59,9 @@ def _list(arguments: argparse.Namespace) -> int:
         json.dump(rows, sys.stdout, indent=1)
         sys.stdout.write("\n")
         return 0
+    if not rows:
+        sys.stdout.write(_nothing_in(arguments.folder))
+        return 0
     from rich.console import Console
     from rich.table import Table
 
@@ -67,6 +71,20 @@ def _list(arguments: argparse.Namespace) -> int:
         table.add_row(row["file"], f"{row['bytes'] / 1e6:.1f}", seconds, row["pictures"], row["state"])
     Console(width=None if sys.stdout.isatty() else 160).print(table)
     return 0
+
+
+def _nothing_in(folder: Path) -> str:
+    """Say that there is nothing to be listed, and what may have been meant."""
+    others = sorted(path.name for path in folder.glob("*.mcap"))
+    if others:
+        return (
+            f"{folder} holds no file that is named as walks are (DATE-DEVICE-PART.mcap), but {', '.join(others[:5])}:"
+            f" look at it with `vbr walks show {shlex.quote(str(folder / others[0]))}`.\n"
+        )
+    return (
+        f"{folder} holds no recorded walks: name the folder that was given to --record, or record one with"
+        f" `vbr demo --record {shlex.quote(str(folder))}`.\n"
+    )
 
 
 def _row(path: Path) -> dict[str, Any]:
@@ -96,12 +114,29 @@ def _show(arguments: argparse.Namespace) -> int:
         json.dump(shown, sys.stdout, indent=1, ensure_ascii=False)
         sys.stdout.write("\n")
         return 0
-    heard = shown.pop("heard")
-    for name, value in shown.items():
-        print(f"{name:>18}  {value}")  # noqa: T201 - the command's answer
-    for stamp_s, text in heard:
-        print(f"{stamp_s:18.2f}  “{text}”")  # noqa: T201
+    sys.stdout.write("\n".join(_readable(shown)) + "\n")
     return 0
+
+
+def _readable(shown: dict[str, Any]) -> list[str]:
+    """Return a summary in lines for people."""
+    pictures = f"{shown['frames_with_pictures']} frames with pictures" if shown["pictures"] == "yes" else "no pictures"
+    lines = [
+        f"Walk {shown['walk_id']}, file {shown['part']} of it, recorded by version {shown['software_version']}",
+        f"  length     {shown['seconds']:.1f} s, {shown['cycles']} cycles, {pictures}",
+        f"  map        {shown['site_id'] or 'none'}" + (f" ({shown['map_checksum'][:12]})" if shown["site_id"] else ""),
+        f"  decisions  {_shares(shown['actions'], shown['cycles'])}",
+        f"  reasons    {_shares(shown['reasons'], shown['cycles'])}",
+        f"  file       {'damaged: ' + shown['damage'] if shown['damage'] else 'whole'}",
+        "  heard, by the device's clock:" if shown["heard"] else "  Nothing was said.",
+    ]
+    return [*lines, *(f"  {stamp_s:10.2f} s  “{text}”" for stamp_s, text in shown["heard"])]
+
+
+def _shares(counts: dict[str, int], total: int) -> str:
+    """Return how often each was, the most frequent first: ``walk 64% (52), stop 26% (21)``."""
+    ordered = sorted(counts.items(), key=lambda item: -item[1])
+    return ", ".join(f"{name.replace('_', ' ')} {count / total:.0%} ({count})" for name, count in ordered) or "none"
 
 
 def _summary(part: RecordedPart) -> dict[str, Any]:
@@ -139,6 +174,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     Settings().changed(changes)
     use_one_core()
     parts = [RecordedPart(path) for path in arguments.files]
+    _refuse_twice(parts)
     make_localizer = None if arguments.site is None else _localizers(arguments.site, parts)
     count, different, cues = _compared(replay(parts, make_localizer, changes))
     damages = {str(part.path): part.damage for part in parts if part.damage}
@@ -152,6 +188,17 @@ def _replay(arguments: argparse.Namespace) -> int:
     else:
         _print_comparison(count, different, damages)
     return EXIT_DIFFERENT if different else 0
+
+
+def _refuse_twice(parts: list[RecordedPart]) -> None:
+    named: dict[tuple[str, int], Path] = {}
+    for part in parts:
+        key = (part.opening.walk_id, part.opening.part)
+        if key in named:
+            raise InputError(
+                f"{part.path} is the same part of the same walk as {named[key]}: name each file of a walk once."
+            )
+        named[key] = part.path
 
 
 def _compared(cycles: Iterable[ReplayedCycle]) -> tuple[int, list[dict[str, Any]], list[dict[str, Any]]]:
@@ -169,14 +216,26 @@ def _compared(cycles: Iterable[ReplayedCycle]) -> tuple[int, list[dict[str, Any]
 
 def _print_comparison(count: int, different: list[dict[str, Any]], damages: dict[str, str]) -> None:
     lines = [f"{count} cycles replayed, {len(different)} of them differ."]
-    lines += [
-        f"  {each['stamp_s']:.2f} s, in {', '.join(each['in'])}: {each['then']} → {each['now']}"
-        for each in different[:_SHOWN_DIFFERENCES]
-    ]
+    for each in different[:_SHOWN_DIFFERENCES]:
+        lines += _difference_lines(each)
     if len(different) > _SHOWN_DIFFERENCES:
         lines.append(f"  and {len(different) - _SHOWN_DIFFERENCES} more")
     lines += [f"{path} was read up to where it is damaged: {damage}." for path, damage in damages.items()]
     sys.stdout.write("\n".join(lines) + "\n")
+
+
+def _difference_lines(each: dict[str, Any]) -> list[str]:
+    """Return a difference in lines; where both come to the same words, the values that differ stand below."""
+    then, now = each["then"], each["now"]
+    head = f"  {each['stamp_s']:.2f} s, in {', '.join(each['in'])}:"
+    if then != now:
+        return [f"{head} {then} → {now}"]
+    values = list(each["values"].items())
+    lines = [f"    {name}: {old} → {new}" for name, (old, new) in values[:_SHOWN_VALUES]]
+    if len(values) > _SHOWN_VALUES:
+        lines.append(f"    and {len(values) - _SHOWN_VALUES} values more (--json has them)")
+    how = "by other values" if values else "which came to the same guidance"
+    return [f"{head} the same, {then}, {how}", *lines]
 
 
 def _write_cues(path: Path, cues: list[dict[str, Any]]) -> None:

@@ -26,6 +26,8 @@ _STOPS_STANDING, _STOPS_WALKING = 2, 1
 def mode_text(state: DeviceState) -> str:
     """Return what the device does, as the walker hears it."""
     texts = TEXTS[state.settings.cues.language]
+    if state.mode is Mode.LOCALIZING and not state.has_map:
+        return texts["mode_no_map"]
     return texts[f"mode_{state.mode.value}"].format(name=state.place_name(state.destination_id))
 
 

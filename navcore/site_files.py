@@ -7,6 +7,7 @@ unpickled, and no header can ask for memory that the file does not fill.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -140,11 +141,17 @@ def array_of(folder: Path, name: str, data: bytearray) -> NDArray[Any]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step: a reader, or a crash, meets the old one or the new one."""
+    """Replace a file in one step: a reader, or a crash, meets the old one or the new one. Raises OSError."""
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-    with os.fdopen(handle, "wb") as out:
-        out.write(data)
-        out.flush()
-        os.fsync(out.fileno())
-    os.chmod(name, 0o644)
-    os.replace(name, path)
+    try:
+        with os.fdopen(handle, "wb") as out:
+            out.write(data)
+            out.flush()
+            os.fsync(out.fileno())
+        os.chmod(name, 0o644)
+        os.replace(name, path)
+    except BaseException:
+        # A disk that is full is not to fill with what did not find room.
+        with contextlib.suppress(OSError):
+            os.unlink(name)
+        raise

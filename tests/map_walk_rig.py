@@ -21,6 +21,7 @@ from device_agent.simulation.building import Building
 from device_agent.simulation.sensors import head_camera
 from device_agent.simulation.simulated_walk import shots, staged_walk
 from device_agent.state import DeviceState
+from device_agent.state_health import refuse_unwritable
 from navcore.cues.table import Cue, CueKind
 from navcore.geometry import Transform, rotation_from_rotvec
 from navcore.modes import Mode
@@ -85,7 +86,7 @@ class MapRig:
         self.output, self.uplink, self.buttons = FakeOutput(), FakeUplink(), FakeButtons()
         self.site = self.folder / "site"
         self.store = DeviceStore(self.folder / "state", self.site)
-        self.store.prepare()
+        refuse_unwritable(self.store.state_folder)
         plan = WalkPlan(self.folder / "state" / "map-walks", self.site, self.owns_map, beside=False)
         self.walks = DeviceMapWalks(
             plan, head_camera(320, 240), make_localizer, lambda order: self.agent.submit(order),

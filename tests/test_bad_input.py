@@ -235,11 +235,9 @@ def test_a_device_refuses_what_is_no_address(refusal: Refusal, tmp_path: Path, a
     assert "no address" in refusal("device", "--site", tmp_path, "--simulated", "--console", address, *token)
 
 
-def test_a_device_has_one_camera_and_a_folder_of_its_own(refusal: Refusal, site: Path, tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
+def test_a_device_has_one_camera(refusal: Refusal, site: Path, tmp_path: Path) -> None:
     device = ("device", "--site", site, "--simulated")
     assert "only one of" in refusal(*device, "--recording", tmp_path)
-    assert "--state" in refusal(*device, "--state", tmp_path / "file")
     assert "--simulated, --recording DIR, or --camera NAME" in refusal("device", "--site", site)
 
 

@@ -5,13 +5,18 @@ from __future__ import annotations
 import contextlib
 import json
 import math
+import re
+import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from device_agent.calibrate_command import calibration_lines
 from device_agent.calibration_store import CalibrationStore, read_calibration_file
+from device_agent.cli import main
 from navcore.calibration import (
     Calibration,
     FisheyeCalibration,
@@ -105,6 +110,64 @@ def test_every_revision_can_be_taken_back_even_from_a_damaged_file(tmp_path: Pat
     assert [each.revision for each in store.history()] == [1, 2, 3]
     with pytest.raises(InputError, match=r"There is no calibration 9: .*1, 2, 3"):
         store.restore(9, 4.0)
+
+
+def test_a_damaged_calibration_is_shown_with_what_is_kept_and_the_command_that_helps(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "device's own"
+    store = CalibrationStore(folder)
+    store.store(Calibration(FLOOR), 1.0)
+    store.store(WHOLE, 86_400.0)
+    (store.history_folder / "0003.json").write_text("broken too")
+    store.path.write_text("broken")
+    assert main(["calibrate", "show", "--state", str(folder), "--json"]) == 1
+    shown = json.loads(capsys.readouterr().out)
+    assert (shown["stored"], [each["revision"] for each in shown["history"]]) == (None, [1, 2])
+    assert main(["calibrate", "show", "--state", str(folder)]) == 1
+    told, *kept = capsys.readouterr().out.splitlines()
+    assert [line.strip() for line in kept] == [
+        "kept: revision 1, 1970-01-01 00:00 UTC, floor",
+        "kept: revision 2, 1970-01-02 00:00 UTC, floor, pinhole, fisheye, sonar",
+    ]
+    # The advice is typed as it stands.
+    command = re.search(r"`vbr (.*)`", told)
+    assert command is not None
+    assert main(shlex.split(command[1])) == 0
+    assert "counts once the device is started anew" in capsys.readouterr().out
+    loaded = store.load()
+    assert loaded is not None
+    assert loaded.calibration == WHOLE
+
+
+def test_where_nothing_is_kept_calibrating_again_is_the_advice(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "calibration.json").write_text("broken")
+    assert main(["calibrate", "show", "--state", str(tmp_path)]) == 1
+    told = capsys.readouterr().out
+    assert "calibrate again" in told
+    assert "restore" not in told
+
+
+@pytest.mark.parametrize(
+    ("options", "least"),
+    [(["floor", "--frames"], 10), (["sonar", "--frames"], 30), (["fisheye", "--board", "b", "--views"], 8)],
+)
+def test_fewer_frames_than_a_measurement_needs_are_refused_before_any_is_taken(
+    options: list[str], least: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit):
+        main(["calibrate", *options, str(least - 1), "--simulated"])
+    assert f"give a whole number from {least} to" in capsys.readouterr().err
+
+
+def test_nothing_is_minus_zero_and_times_say_their_zone() -> None:
+    floor = replace(FLOOR, roll_rad=-1e-4, pitch_rad=-1e-4, made_s=1_800_000_000.0)
+    sonar = SonarAlignment(5.0, 0.1, 0.01, -1e-5, 0.0, 0.0, 60)
+    lines = " ".join(calibration_lines(Calibration(floor=floor, sonar=sonar)))
+    assert "-0.0" not in lines
+    assert "2027-01-15 08:00 UTC" in lines
 
 
 def test_a_disk_that_takes_nothing_leaves_what_was_stored(tmp_path: Path) -> None:

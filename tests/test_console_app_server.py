@@ -125,6 +125,34 @@ def test_the_command_makes_and_revokes_tokens(site_folder: Path, vbr: Callable[.
     assert "/first?token=" in vbr("admin-link", "--site", site_folder).out
 
 
+def test_a_new_token_says_what_it_replaces_and_all_are_listed(site_folder: Path, vbr: Callable[..., Said]) -> None:
+    command = ("token", "--site", site_folder)
+    assert "No device has a token yet: make one with `vbr console token NAME`." in vbr(*command, "--list").out
+    first = vbr(*command, "glasses")
+    assert first.err == ""
+    second = vbr(*command, "glasses")
+    assert "takes the place of the token of glasses that command line made on 20" in second.err
+    assert "last used: never" in second.err
+    devices = DeviceStore(Store.open(default_data_folder(site_folder)))
+    assert (devices.name_of(first.out.strip()), devices.name_of(second.out.strip())) == (None, "glasses")
+    vbr(*command, "spare pair")
+    vbr(*command, " spare  pair ", "--revoke")
+    listed = vbr(*command, "--list").out.splitlines()
+    assert [line.partition(", made by")[0] for line in listed] == ["glasses: valid", "spare pair: revoked"]
+    assert vbr(*command, "spare pair").err == "", "a token that was taken back is not replaced"
+    assert "choose one of those that have (glasses, spare pair)" in vbr(*command, "glases", "--revoke").err
+
+
+@pytest.mark.parametrize(
+    "name", ["", " ", "../glasses", "-glasses", "a\nb\x00", "<b>", "x" * 61, "\u202eglasses", "💥"]
+)
+def test_a_name_that_nobody_could_type_or_read_gets_no_token(
+    name: str, site_folder: Path, vbr: Callable[..., Said]
+) -> None:
+    assert "is no name for a device: use 1 to 60" in vbr("--site", site_folder, "token", "--", name).err
+    assert DeviceStore(Store.open(default_data_folder(site_folder))).tokens() == []
+
+
 def start(site_folder: Path, ready_file: Path) -> tuple[subprocess.Popen[str], dict[str, str]]:
     command = [sys.executable, "-m", "device_agent", "console", "--site", str(site_folder), "--port", "0"]
     process = subprocess.Popen([*command, "--ready-file", str(ready_file)], stdout=subprocess.PIPE, text=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 import termios
 from pathlib import Path
 
@@ -12,7 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from device_agent.adapters.clocks import FakeClock, SteppedClock
-from device_agent.adapters.evdev_buttons import EV_SYN, INPUT_EVENT, KEY_BUTTONS, SYN_DROPPED, EvdevButtons
+from device_agent.adapters.evdev_buttons import (
+    EV_SYN,
+    INPUT_EVENT,
+    KEY_BUTTONS,
+    SYN_DROPPED,
+    EvdevButtons,
+    has_any_key,
+)
 from device_agent.adapters.keyboard_buttons import KEYS, KeyboardButtons, keys_in
 from device_agent.adapters.presses import LONG_AFTER_S, PressTracker
 from device_agent.adapters.reopening import LONGEST_BACKOFF_S
@@ -175,7 +183,42 @@ def test_buttons_that_are_not_there_are_told_at_the_start(tmp_path: Path) -> Non
         EvdevButtons(str(tmp_path / "event9"), FakeClock())
 
 
+@pytest.mark.parametrize("what", ["/dev/null", "a file", "a folder", "a terminal"])
+def test_what_will_never_tell_of_a_press_is_refused(what: str, tmp_path: Path) -> None:
+    (tmp_path / "a file").write_bytes(b"no events")
+    (tmp_path / "a folder").mkdir()
+    ours, theirs = os.openpty()
+    path = {"/dev/null": what, "a terminal": os.ttyname(theirs)}.get(what, str(tmp_path / what))
+    with pytest.raises(SensorError, match="is no input device: name one of /dev/input/event"):
+        EvdevButtons(path, FakeClock())
+    os.close(ours)
+    os.close(theirs)
+
+
+def test_a_device_is_one_of_buttons_where_it_has_one_of_their_keys() -> None:
+    def bits(*codes: int) -> bytes:
+        having = bytearray(96)
+        for code in codes:
+            having[code // 8] |= 1 << code % 8
+        return bytes(having)
+
+    for code in KEY_BUTTONS:
+        assert has_any_key(bits(code), KEY_BUTTONS)
+    assert not has_any_key(bits(116, 0x110, 0x118), KEY_BUTTONS), "a power button, a mouse"
+    assert not has_any_key(b"", KEY_BUTTONS)
+
+
 # ---------------------------------------------------------------------------------------------------- terminal
+def test_keys_without_a_terminal_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    ours, theirs = os.pipe()
+    with os.fdopen(ours) as piped:
+        for nothing in (piped, None):
+            monkeypatch.setattr(sys, "stdin", nothing)
+            with pytest.raises(SensorError, match=r"no terminal: start the device in a terminal, or name --buttons"):
+                KeyboardButtons(SteppedClock())
+    os.close(theirs)
+
+
 def test_a_terminal_gives_its_keys_at_once_and_is_put_back() -> None:
     ours, theirs = os.openpty()
     before = termios.tcgetattr(theirs)

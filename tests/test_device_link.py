@@ -109,6 +109,22 @@ def test_joins_with_a_hello_and_answers_a_ping_with_both_clocks(console: Console
     assert console.of_type(Pong) == [Pong(55.5, 100.0, 100.0)]
 
 
+def test_the_log_says_that_the_console_went_and_came_back(
+    console: Console, link: ConsoleLink, caplog: pytest.LogCaptureFixture
+) -> None:
+    def logged() -> list[str]:
+        # As `vbr logs` has them: what is told the console, with its kind.
+        return [record.getMessage() for record in caplog.records if getattr(record, "kind", "") == "link"]
+
+    with caplog.at_level("INFO", logger="device_agent"):
+        console.wait_for(lambda: "Joined the console." in [event.text for event in console.stored])
+        caplog.clear()
+        console.kill()
+        console.start()
+        console.wait_for(lambda: [event.text for event in console.stored].count("Joined the console.") == 2)
+    assert logged() == ["The console is gone.", "Joined the console."]
+
+
 def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, device: Device) -> None:
     orders: list[ConsoleMessage] = [SetDestination("bar"), Pause(), Resume(), SetDestination("hall")]
     for order in orders:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +13,29 @@ from device_hall import Rig
 
 from device_agent.menu import MAIN_LONG, MAIN_SHORT, OPEN_FOR_S, OTHERS, places, pressed
 from device_agent.ports import Button, ButtonPress, PressKind
-from device_agent.state import DeviceState, Happened, MarkPlace, Notice, SayAgain, Step
+from device_agent.state import (
+    DeviceState,
+    Happened,
+    MapWalkTold,
+    MarkPlace,
+    Notice,
+    Phrase,
+    PreparedMap,
+    SayAgain,
+    Step,
+)
 from device_agent.states import StateEvent
 from device_agent.way import plan_if_needed
 from device_agent.whereabouts import whereabouts
 from navcore.cues.table import CueKind
+from navcore.cues.texts import TEXTS
 from navcore.geometry import world_from_camera_at
 from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
+from navcore.site import Site
 from navcore.types import Action, DecisionTrace, Guidance, Localization, LocalizationQuality, Pose2D, Reason
-from navcore.wire import Pause, Repeat, SetDestination
+from navcore.wire import Pause, Repeat, Say, SetDestination
 
 PLACES = {
     "hall": ("Hall", "hall", 0.0, 0.0), "bar": ("Bar", "bar", 10.0, 0.0), "x": ("Corner", "junction", 20.0, 0.0),
@@ -364,6 +377,83 @@ def test_a_map_walk_begins_with_next_after_it_was_offered_and_with_nothing_else(
     late, _ = press(offered[0], Button.NEXT, now_s=OPEN_FOR_S + 0.1)
     assert late.mode is Mode.OFF_DUTY
     assert press(standing(Mode.OFF_DUTY), Button.NEXT)[0].mode is Mode.OFF_DUTY, "it was not offered"
+
+
+NO_MAP = "There is no map yet. Hold the main button to record one, or have one sent by the console."
+
+
+def test_on_duty_without_a_map_says_what_can_be_done_and_that_works() -> None:
+    state = DeviceState(Settings(), PoiGraph(), mode=Mode.OFF_DUTY)
+    step = press(state, Button.MAIN)
+    assert (step[0].mode, heard(step)) == (Mode.OFF_DUTY, [NO_MAP])
+    step = press(step[0], Button.MAIN, PressKind.LONG)
+    assert press(step[0], Button.NEXT)[0].mode is Mode.MAPPING
+    with_map = press(replace(state, map_checksum="a-map"), Button.MAIN)
+    assert (with_map[0].mode, heard(with_map)) == (Mode.LOCALIZING, ["On duty. Looking for your position."])
+
+
+def test_after_a_map_walk_without_a_map_nothing_is_said_to_be_looked_for() -> None:
+    state = DeviceState(Settings(), PoiGraph(), mode=Mode.LOCALIZING)
+    said = "There is no map yet. Wait while one is built, or hold the main button twice to record one."
+    (again,) = (effect for effect in press(state, Button.REPEAT)[1] if isinstance(effect, SayAgain))
+    assert again.otherwise == said
+    assert whereabouts(state, 0.0).startswith(said)
+    state, _ = press(state, Button.MAIN, PressKind.LONG)
+    offered = press(state, Button.MAIN, PressKind.LONG)
+    assert press(offered[0], Button.NEXT)[0].mode is Mode.MAPPING, "twice held, as it was said"
+
+
+def news(rig: Rig, key: str, kind: CueKind = CueKind.MAP_NEWS, **values: int) -> list[str]:
+    """Tell of a map as a map walk does; return what is said within a while."""
+    before = len(rig.output.cues)
+    rig.agent.submit(MapWalkTold(kind, (Phrase(key, dict(values)),)))
+    rig.cycles(60)
+    return [cue.text for cue in rig.output.cues[before:] if cue.text]
+
+
+def repeated(rig: Rig) -> list[str]:
+    before = len(rig.output.cues)
+    rig.press(Button.REPEAT)
+    rig.cycles(40)
+    return [cue.text for cue in rig.output.cues[before:] if cue.text]
+
+
+@pytest.mark.parametrize("key", ["map_none", "map_building"])
+def test_news_of_a_map_are_said_again_only_while_they_are_true(rig: Rig, key: str, small_site: Site) -> None:
+    rig.cycles(5)
+    told = news(rig, key, percent=40)
+    assert repeated(rig) == told, "it is still so"
+    rig.agent.submit(PreparedMap(Path("staging"), "new", small_site, rig.localizer))
+    rig.cycles(1)
+    assert repeated(rig) == ["Ready."]
+
+
+def test_news_and_advice_of_a_walk_end_with_the_next_one(rig: Rig) -> None:
+    rig.cycles(5)
+    rig.press(Button.MAIN, PressKind.LONG)
+    rig.cycles(40)
+    (told,) = news(rig, "map_none")
+    assert repeated(rig) == [told]
+    rig.press(Button.MAIN, PressKind.LONG)
+    rig.press(Button.NEXT)
+    rig.cycles(60)
+    assert repeated(rig) != [told], "one is being recorded"
+    (advice,) = news(rig, "map_walk_slow_down", CueKind.MAP_ADVICE)
+    assert repeated(rig) == [advice]
+    rig.press(Button.MAIN, PressKind.LONG)
+    rig.cycles(60)
+    assert advice not in repeated(rig)
+
+
+def test_news_that_wait_are_not_said_late_of_a_map_that_is_gone(rig: Rig, small_site: Site) -> None:
+    rig.cycles(5)
+    rig.agent.submit(Say("Somebody speaks for quite a while, so that whatever else there is to say has to wait."))
+    rig.cycles(1)
+    rig.agent.submit(MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_none"),)))
+    rig.cycles(1)
+    rig.agent.submit(PreparedMap(Path("staging"), "new", small_site, rig.localizer))
+    rig.cycles(150)
+    assert TEXTS["en"]["map_none"] not in [cue.text for cue in rig.output.cues]
 
 
 def test_places_are_counted_anew_in_each_map_walk() -> None:

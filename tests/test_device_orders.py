@@ -10,7 +10,7 @@ import pytest
 
 from device_agent.adapters.fakes import FakeLocalizer
 from device_agent.orders import at_rest, carry_out
-from device_agent.state import DeviceState, Happened, Notice, PreparedMap, StoreGraph, StoreSettings, SwapMap
+from device_agent.state import DeviceState, Happened, Notice, Outdated, PreparedMap, StoreGraph, StoreSettings, SwapMap
 from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.settings import Settings
@@ -90,9 +90,10 @@ def test_a_map_is_swapped_only_at_rest_and_forgets_the_old_frame_of_reference(
     assert at_rest(waiting) == (waiting, ())
     rested, effects = at_rest(carry_out(replace(waiting, trail=((0.0, 1.0, 1.0),)), ClearDestination(), 0.0)[0])
     assert (rested.map_checksum, rested.route, rested.trail, rested.waiting_map) == ("new", None, (), None)
-    assert isinstance(effects[0], SwapMap)
-    assert effects[0].prepared is prepared
-    assert effects[1:] == (MapRunning("new"), GraphRunning(1))
+    assert isinstance(effects[0], Outdated), "before anything is said of the new map"
+    assert isinstance(effects[1], SwapMap)
+    assert effects[1].prepared is prepared
+    assert effects[2:] == (MapRunning("new"), GraphRunning(1))
 
 
 @pytest.mark.parametrize(

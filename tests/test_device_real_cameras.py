@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -158,6 +161,22 @@ def test_an_oak_camera_that_falls_silent_or_is_closed_is_an_error(depthai: Any) 
 def test_an_oak_camera_that_gives_no_first_picture_is_not_opened(depthai: Any) -> None:
     with pytest.raises(SensorError, match="no pictures"):
         OakSource(SteppedClock(), streams=OakStandIn(depthai).streams)
+
+
+def test_the_oak_sdk_is_told_to_send_nothing_before_it_is_loaded(depthai: Any) -> None:
+    # In a process of its own, for the SDK reads its settings once, when it is loaded.
+    script = (
+        "from device_agent.adapters.oak import open_streams\n"
+        "try:\n    open_streams('no-such-camera')\nexcept Exception as error:\n    print(error)\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("DEPTHAI_")}
+    done = subprocess.run(
+        [sys.executable, "-c", script], env={**environment, "DEPTHAI_LEVEL": "debug"}, capture_output=True, text=True,
+        timeout=60, check=True,
+    )  # fmt: skip
+    assert "No OAK camera" in done.stdout
+    assert "Telemetry disabled" in done.stdout + done.stderr
+    assert "Telemetry capture upload" not in done.stdout + done.stderr
 
 
 def test_an_oak_camera_that_is_not_there_is_told(depthai: Any) -> None:

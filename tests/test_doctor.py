@@ -5,6 +5,9 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
+import shlex
+import subprocess
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -19,9 +22,11 @@ from hardware_stand_ins import SerialLine
 from device_agent.adapters.clocks import SteppedClock, SystemClock
 from device_agent.adapters.fakes import FakeButtons, FakeCamera, FakeDisplay, FakeOutput, FakeSonar
 from device_agent.calibration_store import CalibrationStore
-from device_agent.cli import main
+from device_agent.cli import _parser, main
 from device_agent.doctor import machine, sensing
+from device_agent.doctor.checks import _calibrating, _new_token
 from device_agent.doctor.findings import Check, Finding, Status, exit_code, made, ok
+from device_agent.doctor_command import _patient
 from device_agent.speech import Speech
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.errors import SensorError
@@ -168,6 +173,10 @@ def test_buttons_display_and_sound_are_opened_and_closed_again() -> None:
 
 
 # --------------------------------------------------------------------------------------------- calibration
+def again(part: str) -> str:
+    return f"run `vbr calibrate {part} --camera oak`"
+
+
 @pytest.mark.parametrize(
     ("pitch_deg", "age_days", "status"),
     [(15.0, 1.0, Status.OK), (23.0, 1.0, Status.FAILED), (7.0, 1.0, Status.FAILED), (15.0, 400.0, Status.WARNING)],
@@ -175,17 +184,21 @@ def test_buttons_display_and_sound_are_opened_and_closed_again() -> None:
 def test_the_calibration_is_compared_with_the_floor(pitch_deg: float, age_days: float, status: Status) -> None:
     seen = sensing.Seen()
     examined(seen, pitch_deg=pitch_deg)
-    finding = sensing.check_calibration(Calibration(FLOOR), 0.0, age_days * 86_400.0, seen, Settings())
+    finding = sensing.check_calibration(Calibration(FLOOR), 0.0, age_days * 86_400.0, seen, Settings(), again)
     assert finding.status is status, finding
     assert (status is Status.FAILED) == ("vbr calibrate floor" in finding.advice and "8°" in finding.found)
 
 
 def test_no_calibration_no_floor_and_no_camera_are_told_apart() -> None:
     seen = sensing.Seen()
-    assert "vbr calibrate floor" in sensing.check_calibration(Calibration(), 0.0, 1.0, seen, Settings()).advice
-    assert "compared with nothing" in sensing.check_calibration(Calibration(FLOOR), 0.0, 1.0, seen, Settings()).found
+
+    def checked(calibration: Calibration) -> Finding:
+        return sensing.check_calibration(calibration, 0.0, 1.0, seen, Settings(), again)
+
+    assert "vbr calibrate floor" in checked(Calibration()).advice
+    assert "compared with nothing" in checked(Calibration(FLOOR)).found
     examined(seen, spoil=lambda frame: replace(frame, depth_m=np.ones_like(frame.depth_m)))
-    assert "no floor" in sensing.check_calibration(Calibration(FLOOR), 0.0, 1.0, seen, Settings()).found
+    assert "no floor" in checked(Calibration(FLOOR)).found
 
 
 # ------------------------------------------------------------------------------------------------- machine
@@ -243,21 +256,39 @@ def test_memory_load_and_heat(tmp_path: Path) -> None:
     assert machine.check_system(tmp_path / "none", tmp_path / "none", 0.1).status is Status.WARNING
 
 
+def test_each_want_of_the_machine_has_its_own_advice(tmp_path: Path) -> None:
+    meminfo, zone = tmp_path / "meminfo", tmp_path / "thermal_zone0"
+    zone.mkdir()
+
+    def advice(free_mib: int, degrees_c: float, load: float) -> str:
+        meminfo.write_text(f"MemAvailable: {free_mib * 1024} kB\n")
+        (zone / "temp").write_text(f"{round(1000 * degrees_c)}\n")
+        return machine.check_system(meminfo, tmp_path, load).advice
+
+    wants = {"memory": (300, 50.0, 0.1), "processor": (4000, 50.0, 99.0), "cool down": (4000, 80.0, 0.1)}
+    for want, how in wants.items():
+        assert [other for other in wants if other in advice(*how)] == [want]
+    assert all(want in advice(300, 80.0, 99.0) for want in wants)
+    for command in re.findall(r"`(ps .*?)`", advice(300, 50.0, 99.0)):
+        assert subprocess.run(["sh", "-c", command], capture_output=True, check=True).stdout
+
+
 def test_the_link_is_tried_on_a_real_socket_without_disturbing_anybody() -> None:
     console = Console()
     console.start()
     url = f"ws://127.0.0.1:{console.port}"
     try:
-        joined = machine.check_link(url, lambda: TOKEN, lambda: None)
+        joined = machine.check_link(url, lambda: TOKEN, lambda: None, "make another")
         assert joined.status is Status.OK
         assert "token accepted" in joined.found
         assert console.of_type(object) == []
-        refused = machine.check_link(url, lambda: "another", lambda: None)
+        refused = machine.check_link(url, lambda: "another", lambda: None, "make another")
         assert (refused.status, "refuses the token" in refused.found) == (Status.FAILED, True)
+        assert refused.advice == "make another"
     finally:
         console.close()
-    assert machine.check_link(url, lambda: TOKEN, lambda: None).status is Status.WARNING
-    assert machine.check_link(None, lambda: TOKEN, lambda: None).status is Status.OK
+    assert machine.check_link(url, lambda: TOKEN, lambda: None, "make another").status is Status.WARNING
+    assert machine.check_link(None, lambda: TOKEN, lambda: None, "make another").status is Status.OK
 
 
 def test_a_console_whose_clock_is_off_is_a_warning() -> None:
@@ -305,6 +336,24 @@ def test_whatever_is_broken_the_rest_is_looked_at(tmp_path: Path, capsys: pytest
     broken = {line[1] for line in lines if line[0] == "failed"}
     assert {"camera", "sonar", "buttons", "display", "calibration", "map", "link"} <= broken
     assert out.count("→") >= 7
+
+
+@pytest.mark.parametrize(
+    "camera", [["--simulated"], ["--recording", "a walk's folder"], ["--camera", "realsense:FILE 1.db3"], []]
+)
+def test_what_is_advised_can_be_typed_as_it_stands(camera: list[str], tmp_path: Path) -> None:
+    arguments = _parser().parse_args(["doctor", "--state", str(tmp_path / "its folder"), *camera])
+    patient = _patient(arguments)
+    advice = " ".join([*(_calibrating(patient)(part) for part in ("floor", "intrinsics")), _new_token("glasses-2")])
+    commands = re.findall(r"`vbr (.*?)`", advice)
+    assert len(commands) == (3 if camera else 1)
+    for command in commands:
+        typed = _parser().parse_args(shlex.split(command))
+        if "calibrate" in command:
+            assert typed.state == tmp_path / "its folder"
+            assert (typed.simulated, typed.recording, typed.camera) == (
+                arguments.simulated, arguments.recording, arguments.camera
+            )  # fmt: skip
 
 
 def test_the_page_of_the_docs_is_up_to_date(capsys: pytest.CaptureFixture[str]) -> None:

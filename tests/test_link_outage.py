@@ -30,6 +30,7 @@ from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.link_state import LinkCondition, LinkState
 from device_agent.ports import Clock
+from device_agent.state_health import refuse_unwritable
 from navcore.site import Site, load_site, map_checksum, save_site
 from navcore.types import Action, Frame
 from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SettingsRunning, WalkerState
@@ -243,7 +244,7 @@ def test_the_clocks_offset_is_wrong_by_no_more_than_it_says_over_a_lopsided_netw
     clock, hub = SkewedClock(), ends.console.services.hub
     link = ends.link(clock)
     store = DeviceStore(ends.folder / "state", ends.folder / "site")
-    store.prepare()
+    refuse_unwritable(store.state_folder)
 
     def note(state: LinkState) -> None:
         store.save_link_state(state)
@@ -324,7 +325,7 @@ def test_guidance_goes_on_while_the_disk_takes_nothing_and_no_event_is_missing(e
 def test_guidance_goes_on_while_the_disk_does_not_take_its_settings(tmp_path: Path, small_site: Site) -> None:
     save_site(small_site, tmp_path / "site")
     store = DeviceStore(tmp_path / "state", tmp_path / "site")
-    store.prepare()
+    refuse_unwritable(store.state_folder)
     # Opening a pipe for writing waits until somebody reads, as a disk that hangs does.
     pipe = tmp_path / "state" / "settings.new"
     os.mkfifo(pipe)

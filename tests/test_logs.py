@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import json
 import logging
+import os
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -13,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from device_agent.cli import main
+from device_agent.demo_processes import _process, _tell_log
 from device_agent.logged_uplink import LoggedUplink
 from device_agent.logs import JsonLinesHandler, RotatedLines, json_line, log_files, readable_line
 from navcore.types import Action
@@ -111,6 +115,27 @@ def test_guidance_goes_on_while_the_log_has_no_disk(tmp_path: Path) -> None:
     assert rig.events("sensor")[:3] == ["told"] * 3
 
 
+@pytest.mark.parametrize("terminal", [True, False])
+def test_nothing_is_shown_between_the_keys_of_a_terminal_and_all_of_it_is_kept(terminal: bool, tmp_path: Path) -> None:
+    script = (
+        "import logging, sys; from pathlib import Path; from device_agent import logs\n"
+        "logs.log_to_stderr(False); log = logging.getLogger('device_agent.test')\n"
+        "log.warning('before')\n"
+        "with logs.log_files(Path(sys.argv[1])), logs.off_the_terminal():\n    log.warning('within')\n"
+        "log.warning('after')\n"
+    )
+    ours, theirs = os.openpty() if terminal else os.pipe()
+    done = subprocess.run([sys.executable, "-c", script, str(tmp_path)], stderr=theirs, timeout=60, check=True)
+    shown = os.read(ours, 10_000).decode()
+    os.close(theirs)
+    os.close(ours)
+    assert done.returncode == 0
+    assert [word for word in ("before", "within", "after") if word in shown] == [
+        "before", *([] if terminal else ["within"]), "after"
+    ]  # fmt: skip
+    assert "within" in (tmp_path / "device.jsonl").read_text()
+
+
 def test_the_command_shows_the_last_lines_for_people_and_for_programs(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -126,3 +151,14 @@ def test_the_command_shows_the_last_lines_for_people_and_for_programs(
     assert [line.rpartition(": ")[2] for line in shown] == ["line 3", "line 4", "half a li"]
     assert main(["logs", "--state", str(tmp_path), "--lines", "2", "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[0])["text"] == "line 4"
+
+
+def test_what_a_process_of_the_demo_had_to_say_is_shown_once_it_has_failed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with (tmp_path / "console.log").open("wb") as log:
+        with _process(["console", "--site", str(tmp_path / "gone")], quiet=True, log=log) as process:
+            assert process.wait(60.0) == 2
+        assert capfd.readouterr().err == "", "not between the keys"
+        _tell_log(log)
+    assert "There is no site at" in capfd.readouterr().err

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
@@ -313,6 +315,44 @@ def test_an_order_of_an_unknown_kind_is_refused_in_words(walk: tuple[Path, Walke
 
 
 # ------------------------------------------------------------------------------------------------ the commands
+def test_every_difference_that_is_shown_can_be_seen(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["walks", "replay", str(STORED_WALK), "--set", "follower.reaction_s=1.5", "--json"]) == 1
+    same_words = [each for each in json.loads(capsys.readouterr().out)["first"] if each["then"] == each["now"]]
+    assert same_words, "one of them comes to the same words by other values"
+    for each in same_words:
+        assert each["values"]
+        assert all(then != now for then, now in each["values"].values())
+    assert main(["walks", "replay", str(STORED_WALK), "--set", "follower.reaction_s=1.5"]) == 1
+    for line in capsys.readouterr().out.splitlines():
+        then, arrow, now = line.rpartition(": ")[2].partition(" → ")
+        assert not arrow or then != now, line
+
+
+def test_a_file_that_is_named_twice_is_not_replayed_twice(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    copy = tmp_path / "copy.mcap"
+    copy.write_bytes(STORED_WALK.read_bytes())
+    for other in (STORED_WALK, copy):
+        assert main(["walks", "replay", str(STORED_WALK), str(other)]) == 2
+        assert "name each file of a walk once" in capsys.readouterr().err
+
+
+def test_a_folder_without_walks_says_so_and_a_walk_is_shown_in_words(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["walks", "list", str(tmp_path)]) == 0
+    assert "holds no recorded walks: name the folder that was given to --record" in capsys.readouterr().out
+    (tmp_path / "my walk.mcap").write_bytes(STORED_WALK.read_bytes())
+    assert main(["walks", "list", str(tmp_path)]) == 0
+    command = re.search(r"`vbr (.*)`", capsys.readouterr().out)
+    assert command is not None
+    assert main(shlex.split(command[1])) == 0
+    shown = capsys.readouterr().out
+    assert "decisions  walk 64% (52), stop 26% (21), turn 10% (8)" in shown
+    assert "arrived 15% (12), pose lost 9% (7)" in shown
+    assert "2.40 s  “Stop. Paused.”" in shown
+    assert not re.search(r"[{}_]", shown), "no raw fields"
+
+
 def test_walks_are_listed_shown_and_replayed(walk: tuple[Path, Walked], capsys: pytest.CaptureFixture[str]) -> None:
     path, walked = walk
     assert main(["walks", "list", str(path.parent), "--json"]) == 0
@@ -339,7 +379,7 @@ def test_a_replay_under_another_setting_says_what_it_would_have_changed(
     figures = json.loads(capsys.readouterr().out)
     assert 0 < figures["different"] <= figures["cycles"]
     assert figures["first"][0]["then"]
-    assert any(name.startswith("trace.") for name in figures["first"][0]["in"])
+    assert any(name.startswith("trace.") for name in figures["first"][0]["values"])
     assert all(json.loads(line)["kind"] for line in cues.read_text(encoding="utf-8").splitlines())
     assert main(["walks", "replay", str(path), "--set", "nothing.of_the_kind=1"]) == 2
 

@@ -1,7 +1,8 @@
 """Buttons as Linux sees them: the key events of an input device (gpio-keys, a headset's remote, a keyboard).
 
 ``/dev/input/event*`` delivers the kernel's ``struct input_event``: two longs of time, then type, code and value
-(``linux/input.h``; codes in ``linux/input-event-codes.h``). It is read as it is: the package evdev has no wheels.
+(``linux/input.h``; codes in ``linux/input-event-codes.h``). It is read as it is: the package evdev has no wheels. A
+named pipe to which another program writes such events is taken as well.
 """
 
 from __future__ import annotations
@@ -11,9 +12,10 @@ import fcntl
 import math
 import os
 import select
+import stat
 import struct
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from device_agent.adapters.presses import PressTracker
@@ -25,6 +27,9 @@ INPUT_EVENT = struct.Struct("@llHHi")
 """Time in s and µs, type, code, value; 24 bytes on 64-bit machines."""
 EVIOCSCLOCKID = 0x400445A0
 """Sets the clock of an input device (``linux/input.h``)."""
+EVIOCGBIT_KEY_BYTES = 96
+EVIOCGBIT_KEY = 0x80000000 | EVIOCGBIT_KEY_BYTES << 16 | 0x4521
+"""Asks an input device which keys it has: a bit for each code up to KEY_MAX (``linux/input.h``)."""
 EV_SYN, EV_KEY = 0, 1
 SYN_DROPPED = 3
 RELEASED, PRESSED = 0, 1
@@ -62,7 +67,7 @@ class EvdevButtons:
     """The :class:`device_agent.ports.Buttons` of an input device; unplugged and plugged in again, it goes on."""
 
     def __init__(self, path: str, clock: Clock, key_buttons: Mapping[int, Button] = KEY_BUTTONS) -> None:
-        """Raises SensorError where there is no such device, or it may not be read."""
+        """Raises SensorError where there is no such device, it has none of these keys, or it may not be read."""
         self._path = path
         self._clock = clock
         self._key_buttons = key_buttons
@@ -133,10 +138,33 @@ class EvdevButtons:
             raise SensorError(
                 f"The buttons at {self._path} cannot be read ({error.strerror}): add the user to the group 'input'."
             ) from error
+        try:
+            self._refuse_without_buttons(file)
+        except SensorError:
+            os.close(file)
+            raise
         with contextlib.suppress(OSError):
             # Events are stamped with the time of day otherwise, which leaps when somebody sets it.
             fcntl.ioctl(file, EVIOCSCLOCKID, struct.pack("@i", time.CLOCK_MONOTONIC))
         return file
+
+    def _refuse_without_buttons(self, file: int) -> None:
+        """Raise SensorError for what will never tell of a press: the walker would press in vain."""
+        if stat.S_ISFIFO(os.fstat(file).st_mode):
+            return
+        keys = bytearray(EVIOCGBIT_KEY_BYTES)
+        try:
+            fcntl.ioctl(file, EVIOCGBIT_KEY, keys)
+        except OSError as error:
+            raise SensorError(
+                f"{self._path} is no input device: name one of /dev/input/event*, as `cat /proc/bus/input/devices`"
+                " lists them."
+            ) from error
+        if not has_any_key(keys, self._key_buttons):
+            raise SensorError(
+                f"{self._path} has no key that could be a button: name another one of /dev/input/event*"
+                " (docs/hardware.md)."
+            )
 
     def _reopened(self) -> int:
         if self._clock.now_s() < self._retry_s:
@@ -160,3 +188,8 @@ class EvdevButtons:
     def _failed(self) -> None:
         self._failure_count += 1
         self._retry_s = self._clock.now_s() + backoff_s(self._failure_count)
+
+
+def has_any_key(bits: bytes | bytearray, codes: Iterable[int]) -> bool:
+    """Return whether a device whose keys are these bits (bit 0 of byte 0 is code 0) has a key of one of the codes."""
+    return any(code // 8 < len(bits) and bits[code // 8] >> code % 8 & 1 for code in codes)

@@ -55,13 +55,10 @@ class KeyboardButtons:
     def __init__(self, clock: Clock, file: int | None = None) -> None:
         """Take keys as they are pressed, without Enter; Ctrl-C still interrupts. ``file`` is a terminal, or a pipe.
 
-        Raises SensorError where there is no standard input.
+        Raises SensorError where none is given and standard input is no terminal: nobody could press anything there.
         """
         self._clock = clock
-        try:
-            self._file = sys.stdin.fileno() if file is None else file
-        except (AttributeError, OSError, ValueError) as error:
-            raise SensorError("There is no keyboard to read: start the device in a terminal.") from error
+        self._file = _terminal() if file is None else file
         self._before = termios.tcgetattr(self._file) if os.isatty(self._file) else None
         if self._before is not None:
             tty.setcbreak(self._file, termios.TCSANOW)
@@ -89,6 +86,16 @@ class KeyboardButtons:
             with contextlib.suppress(termios.error):
                 termios.tcsetattr(self._file, termios.TCSANOW, self._before)
         self._closed = True
+
+
+def _terminal() -> int:
+    with contextlib.suppress(AttributeError, OSError, ValueError):
+        if os.isatty(file := sys.stdin.fileno()):
+            return file
+    raise SensorError(
+        "There is no keyboard to read, for standard input is no terminal: start the device in a terminal, or name"
+        " --buttons evdev:/dev/input/event3."
+    )
 
 
 def keys_in(text: str) -> tuple[list[tuple[Button, PressKind]], str]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import importlib.util
+import os
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,6 +33,13 @@ _TIMEOUT = timedelta(seconds=1)
 _PAIRED_WITHIN = timedelta(milliseconds=15)
 _QUEUED_FRAMES = 2
 _QUEUED_SAMPLES = 50
+_SENDS_NOTHING = {
+    "DEPTHAI_TELEMETRY": "0",
+    "DEPTHAI_DISABLE_CRASHDUMP_COLLECTION": "1",
+    "DEPTHAI_DISABLE_FEEDBACK": "1",
+    "DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS": "1",
+}
+"""What the SDK reads when it is loaded, lest it calls its maker: it sends ids and what it is used for otherwise."""
 
 
 def require_sdk() -> None:
@@ -40,6 +48,12 @@ def require_sdk() -> None:
         raise MissingPackageError(
             "An OAK camera needs the package 'depthai': run `pip install 'virtual-blind-road[oak]'`."
         )
+
+
+def refuse_telemetry() -> None:
+    """Let the SDK send nothing to its maker; to be called before it is loaded. Who has set a variable keeps theirs."""
+    for name, value in _SENDS_NOTHING.items():
+        os.environ.setdefault(name, value)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,6 +158,7 @@ def intrinsics_of(colour: depthai.ImgFrame) -> CameraIntrinsics:
 
 def open_streams(device_id: str | None) -> OakStreams:
     """Start a camera. Raises SensorError where there is none, or it has no depth."""
+    refuse_telemetry()
     import depthai
 
     # Asked first, for the SDK waits long for a camera that is not there.

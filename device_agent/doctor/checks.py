@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import shlex
 import ssl
 import time
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from device_agent.adapters.clocks import SystemClock
+from device_agent.calibrate_command import DEFAULT_BOARD
 from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
@@ -96,7 +98,7 @@ def checks_of(patient: Patient) -> list[Check]:
             "calibration",
             "Reads the stored calibration, and compares it with the floor that the camera has just seen; fails where it"
             " is damaged or the floor disagrees, warns where there is none, or it is older than half a year.",
-            lambda: _calibration(options.state, seen, settings),
+            lambda: _calibration(options.state, seen, settings, _calibrating(patient)),
         ),
         Check(
             "map",
@@ -106,7 +108,8 @@ def checks_of(patient: Patient) -> list[Check]:
         ),
         Check(
             "disk",
-            "Writes to the device's own folder; fails below 100 MiB of free space, warns below 1 GiB.",
+            "Writes to the device's own folder; fails where that cannot be done, or below 100 MiB of free space; warns"
+            " below 1 GiB, or where stored settings or events are damaged.",
             lambda: machine.check_disk(options.state),
         ),
         Check(
@@ -119,7 +122,9 @@ def checks_of(patient: Patient) -> list[Check]:
             "link",
             "Joins the console, where one is named, and leaves at once; fails where the token is refused, warns where"
             " nobody answers or the clocks are more than 5 s apart (guidance needs no console).",
-            lambda: machine.check_link(patient.link.url(), patient.link.token, patient.link.tls),
+            lambda: machine.check_link(
+                patient.link.url(), patient.link.token, patient.link.tls, _new_token(options.device_id)
+            ),
         ),
         Check(
             "system",
@@ -131,7 +136,27 @@ def checks_of(patient: Patient) -> list[Check]:
 
 
 def _no_camera() -> Finding:
-    return failed("none is named", "name --camera, --recording or --simulated")
+    return failed("none is named", "add `--camera oak` or `--camera realsense`, as for `vbr device`")
+
+
+def _calibrating(patient: Patient) -> Callable[[str], str]:
+    """Return what says how a part is measured again: a command as it is to be typed."""
+    options, state = patient.options, shlex.quote(str(patient.options.state))
+    if not patient.has_camera:
+        return lambda part: "name the camera (`--camera oak` or `--camera realsense`) and run this again"
+    if options.recording is not None:
+        source = f"--recording {shlex.quote(str(options.recording))}"
+    else:
+        source = "--simulated" if options.camera is None else f"--camera {shlex.quote(str(options.camera))}"
+    board = {"intrinsics": f" --board {DEFAULT_BOARD}"}
+    return lambda part: f"run `vbr calibrate {part} {source}{board.get(part, '')} --state {state}`"
+
+
+def _new_token(device_id: str) -> str:
+    return (
+        f"run `vbr console --site SITE token {device_id}` on the console's machine, SITE being its site's folder, and"
+        " put what it prints into the file of --token-file"
+    )
 
 
 def _simulated(options: DeviceOptions) -> tuple[Callable[[], DepthCamera], Callable[[], Sonar] | None]:
@@ -169,10 +194,10 @@ def _sound() -> CueOutput:
     return SoundDeviceOutput(Speech())
 
 
-def _calibration(state: Path, seen: sensing.Seen, settings: Settings) -> Finding:
+def _calibration(state: Path, seen: sensing.Seen, settings: Settings, again: Callable[[str], str]) -> Finding:
     stored = CalibrationStore(state).load()
     calibration, stored_s = (Calibration(), 0.0) if stored is None else (stored.calibration, stored.stored_s)
-    return sensing.check_calibration(calibration, stored_s, time.time(), seen, settings)
+    return sensing.check_calibration(calibration, stored_s, time.time(), seen, settings, again)
 
 
 def _newest_noted_s(state: Path) -> float:

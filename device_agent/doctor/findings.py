@@ -97,13 +97,18 @@ def _caught(check: Check) -> Finding:
     try:
         return check.run()
     except VbrError as error:
-        # Their text says what is wrong, a colon, and what to do.
-        found, _, advice = str(error).rstrip(".").rpartition(": ")
-        return failed(found or advice, advice if found else "see docs/hardware.md")
+        return as_finding(failed, error)
     except Exception as error:
         return failed(
-            f"the check itself failed: {type(error).__name__}: {error}"[:300], "run it again with `vbr --debug doctor`"
+            f"the check itself failed: {type(error).__name__}: {error}"[:300],
+            "run it again with the same options as `vbr --debug doctor`",
         )
+
+
+def as_finding(status: Callable[[str, str], Finding], error: VbrError) -> Finding:
+    """Return an error as a finding: its text says what is wrong, a colon, and what to do."""
+    found, _, advice = str(error).rstrip(".").rpartition(": ")
+    return status(found or advice, advice if found else "see docs/hardware.md")
 
 
 def exit_code(checked: Iterable[Checked]) -> int:

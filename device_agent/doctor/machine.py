@@ -12,10 +12,10 @@ from collections.abc import Callable
 from email.utils import parsedate_to_datetime
 from pathlib import Path
 
-from device_agent.doctor.findings import Finding, failed, ok, warning
-from navcore.errors import InputError
+from device_agent.device_store import DeviceStore
+from device_agent.doctor.findings import Finding, as_finding, failed, ok, warning
+from device_agent.state_health import damages, largest_folders, refuse_unwritable
 from navcore.site import load_site
-from navcore.site_files import write_whole
 
 _LOW_BYTES, _FULL_BYTES = 1 << 30, 100 << 20
 _LOW_MEMORY_BYTES, _NO_MEMORY_BYTES = 500 << 20, 150 << 20
@@ -25,12 +25,14 @@ _OLDEST_S = 1_767_225_600.0
 """1 January 2026: a clock before it has never been set."""
 _MAX_OFFSET_S = 5.0
 _ANSWER_WITHIN_S = 5.0
+_LISTS_MEMORY = "`ps -eo pmem,pid,comm --sort=-pmem | head` lists them"
+_LISTS_LOAD = "`ps -eo pcpu,pid,comm --sort=-pcpu | head` lists them"
 
 
 def check_map(site: Path | None) -> Finding:
     """Read the whole site, checksums included."""
     if site is None:
-        return failed("no map is named", "name the site's folder with --site")
+        return failed("no map is named", "add `--site DIR`: the site's folder, as for `vbr device`")
     loaded = load_site(site)
     places = [poi for poi in loaded.poi_graph.pois.values() if poi.kind != "junction"]
     found = f"{loaded.name}: {len(places)} places, version {loaded.poi_graph.version}, whole"
@@ -40,22 +42,16 @@ def check_map(site: Path | None) -> Finding:
 
 
 def check_disk(folder: Path, free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free) -> Finding:
-    """Write to the device's own folder, and look how much room there is."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        free = free_bytes(folder)
-        probe = folder / ".doctor"
-        write_whole(probe, b"vbr doctor\n")
-        probe.unlink()
-    except OSError as error:
-        raise InputError(
-            f"{folder} cannot be written ({error.strerror}): free the disk, run as the device's user, or name --state."
-        ) from error
+    """Write to the device's own folder, look how much room there is, and whether what is kept there can be read."""
+    refuse_unwritable(folder)
+    free = free_bytes(folder)
     found = f"{free / (1 << 30):.1f} GiB free at {folder}"
-    if free < _FULL_BYTES:
-        return failed(found, "free the disk: settings, events and logs are lost soon")
     if free < _LOW_BYTES:
-        return warning(found, "free the disk: move recordings elsewhere")
+        advice = f"move recordings elsewhere; {largest_folders(folder)}"
+        return (failed if free < _FULL_BYTES else warning)(found, advice)
+    # The site is no matter of what is kept in this folder.
+    for damage in damages(DeviceStore(folder, Path())):
+        return as_finding(warning, damage)
     return ok(found)
 
 
@@ -77,15 +73,20 @@ class ClockWatch:
         leap_s = now_s - self._steady_s() - self._offset_s
         found = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(now_s))
         if now_s < max(_OLDEST_S, newest_s - 60.0):
-            return failed(f"{found} is earlier than what was noted before", "set the clock: connect to a network once")
+            return failed(
+                f"{found} is earlier than what was noted before",
+                "set the clock: connect to a network once, with `sudo timedatectl set-ntp true`",
+            )
         if abs(leap_s) > _LEAP_S:
             return warning(f"{found}; it leapt by {leap_s:+.1f} s meanwhile", "wait until the clock is set")
         synchronised = is_synchronised()
         if synchronised is None:
-            return warning(f"{found}; whether it is synchronised is not known", "install systemd-timesyncd or chrony")
+            return warning(
+                f"{found}; whether it is synchronised is not known", "run `sudo apt install systemd-timesyncd`"
+            )
         if not synchronised:
             return warning(
-                f"{found}; it is not synchronised", "connect to a network once, and enable time synchronisation"
+                f"{found}; it is not synchronised", "run `sudo timedatectl set-ntp true`, and connect to a network once"
             )
         return ok(f"{found}, synchronised")
 
@@ -101,8 +102,13 @@ def clock_is_synchronised() -> bool | None:
     return None
 
 
-def check_link(url: str | None, token: Callable[[], str], tls: Callable[[], ssl.SSLContext | None]) -> Finding:
-    """Join the console's socket and leave before saying who calls: a device that is there already is not disturbed."""
+def check_link(
+    url: str | None, token: Callable[[], str], tls: Callable[[], ssl.SSLContext | None], new_token: str
+) -> Finding:
+    """Join the console's socket and leave before saying who calls: a device that is there already is not disturbed.
+
+    ``new_token`` says how to come by another token.
+    """
     if url is None:
         return ok("no console is named; the device leads without one")
     from websockets.exceptions import InvalidStatus, WebSocketException
@@ -119,7 +125,7 @@ def check_link(url: str | None, token: Callable[[], str], tls: Callable[[], ssl.
             date = "" if socket.response is None else socket.response.headers.get("Date", "")
     except InvalidStatus as error:
         if error.response.status_code in (401, 403):
-            return failed("the console refuses the token", "make a new one with `vbr console token`, and give it here")
+            return failed("the console refuses the token", new_token)
         return failed(f"the console answers {error.response.status_code}", "see that the address is the console's")
     except (OSError, WebSocketException) as error:
         # Guidance never depends on the console.
@@ -157,12 +163,19 @@ def check_system(
     memory = "memory unknown" if free is None else f"{free / (1 << 20):.0f} MiB free"
     found = f"{memory}, load {load:.1f} on {cores} cores{heat}"
     if free is not None and free < _NO_MEMORY_BYTES:
-        return failed(found, "end other programs: the device is about to be ended for lack of memory")
+        return failed(found, f"end other programs before this one is ended for lack of memory; {_LISTS_MEMORY}")
     if hottest_c is not None and hottest_c > _TOO_HOT_C:
         return failed(found, "let it cool down: the processor is being slowed")
-    if free is None or free < _LOW_MEMORY_BYTES or load > 1.5 * cores or (hottest_c or 0.0) > _HOT_C:
-        return warning(found, "end other programs, and let it cool down")
-    return ok(found)
+    advice = []
+    if free is None:
+        advice.append("see that /proc is mounted (`ls /proc/meminfo`)")
+    elif free < _LOW_MEMORY_BYTES:
+        advice.append(f"end programs that take memory; {_LISTS_MEMORY}")
+    if load > 1.5 * cores:
+        advice.append(f"end programs that take the processor; {_LISTS_LOAD}")
+    if (hottest_c or 0.0) > _HOT_C:
+        advice.append("let it cool down: take it out of the sun and out of its bag")
+    return warning(found, "; ".join(advice)) if advice else ok(found)
 
 
 def _available_bytes(meminfo: Path) -> int | None:

@@ -101,7 +101,10 @@ def check_fisheye(open_fisheye: Callable[[], WideCamera] | None, clock: Clock) -
 def check_sonar(open_sonar: Callable[[], Sonar] | None, clock: Clock) -> Finding:
     """Open the rangefinder and look for a second at what it says."""
     if open_sonar is None:
-        return warning("none is named: glass is not heard", "name one with --sonar")
+        return warning(
+            "none is named: glass is not heard",
+            "add `--sonar serial:/dev/ttyUSB0`; `ls /dev/serial/by-id/` lists what is plugged in",
+        )
     counts = dict.fromkeys(SonarState, 0)
     errors: list[SensorError] = []
     with closing(open_sonar()) as sonar:
@@ -128,7 +131,10 @@ def check_sonar(open_sonar: Callable[[], Sonar] | None, clock: Clock) -> Finding
 def check_buttons(open_buttons: Callable[[], Buttons] | None) -> Finding:
     """Open the buttons and ask them once."""
     if open_buttons is None:
-        return warning("none are named: the walker can neither begin nor stop guidance", "name them with --buttons")
+        return warning(
+            "none are named: the walker can neither begin nor stop guidance",
+            "add `--buttons evdev:/dev/input/event3`; `cat /proc/bus/input/devices` lists what there is",
+        )
     with closing(open_buttons()) as buttons:
         buttons.pressed()
     return ok("they are there")
@@ -146,26 +152,34 @@ def check_display(open_display: Callable[[], DisplayOutput] | None) -> Finding:
 def check_audio(speaks: Callable[[], bool], open_sound: Callable[[], CueOutput] | None) -> Finding:
     """Let espeak-ng speak a word, and open the sound device."""
     if not speaks():
-        return failed("espeak-ng says nothing", "install the package espeak-ng: without it only tones are heard")
+        return failed("espeak-ng says nothing", "run `sudo apt install espeak-ng`: without it only tones are heard")
     if open_sound is None:
-        return warning("espeak-ng speaks, but no sound device is named", "name --sound, else nothing is heard")
+        return warning("espeak-ng speaks, but no sound device is named", "add `--sound`, else nothing is heard")
     with closing(open_sound()):
         return ok("espeak-ng speaks, and there is a sound device")
 
 
 # --------------------------------------------------------------------------------------------- calibration
 def check_calibration(
-    calibration: Calibration, stored_s: float, now_s: float, seen: Seen, settings: Settings
+    calibration: Calibration,
+    stored_s: float,
+    now_s: float,
+    seen: Seen,
+    settings: Settings,
+    again: Callable[[str], str],
 ) -> Finding:
-    """Compare what is stored with what the camera saw; an empty calibration is told as such."""
+    """Compare what is stored with what the camera saw; an empty calibration is told as such.
+
+    ``again`` says how a part is measured again, with this device's camera.
+    """
     floor = calibration.floor
     if floor is None:
-        return warning("none: whether the camera has moved is not noticed", "run `vbr calibrate floor`")
+        return warning("none: whether the camera has moved is not noticed", again("floor"))
     age_days = (now_s - stored_s) / 86_400.0
     found = f"{age_days:.0f} days old"
     other = _other_lens(calibration, seen.intrinsics)
     if other:
-        return warning(f"{found}; {other}", "run `vbr calibrate intrinsics` for this camera")
+        return warning(f"{found}; {other}", again("intrinsics"))
     if not seen.frames or seen.intrinsics is None:
         return warning(f"{found}; it was compared with nothing", "see to the camera first")
     agrees = _agrees_with_floor(floor, seen.frames, seen.intrinsics, settings)
@@ -175,10 +189,10 @@ def check_calibration(
     if not is_close:
         return failed(
             f"{found}; the floor disagrees: the camera is {words}",
-            "wear the glasses upright and look straight ahead; if that does not help, run `vbr calibrate floor`",
+            f"wear the glasses upright and look straight ahead; if that does not help, {again('floor')}",
         )
     if age_days > _OLD_AFTER_DAYS:
-        return warning(f"{found}; the floor agrees", "calibrate again to be sure: `vbr calibrate floor`")
+        return warning(f"{found}; the floor agrees", f"calibrate again to be sure: {again('floor')}")
     return ok(f"{found}; the floor agrees")
 
 

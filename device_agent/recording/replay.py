@@ -51,6 +51,8 @@ T = TypeVar("T")
 MakeLocalizer = Callable[[CameraIntrinsics, Settings], LocalizerPort]
 _SEEN_WITH = ("localization.", "obstacle.")
 """Settings that poses and scans were made with."""
+_SHOWN_LENGTH, _SHOWN_BEFORE = 100, 40
+"""Characters of a value that are shown, and how many of them before the first that differs."""
 _NOT_NOTED = Raised("LookupError", "The recording does not tell.")
 _NO_COLOUR, _NO_DEPTH = np.zeros((0, 0, 3), np.uint8), np.zeros((0, 0), np.float32)
 
@@ -117,22 +119,40 @@ def difference(cycle: ReplayedCycle) -> dict[str, object]:
     return {
         "cycle": cycle.notes.number,
         "stamp_s": then.stamp_s,
-        "in": [*cycle.differs_in, *_fields_that_differ(then, now)],
+        "in": list(cycle.differs_in),
         "then": _in_words(then, cycle.notes.cues),
         "now": _in_words(now, cycle.cues),
+        "values": _values_that_differ(cycle),
     }
 
 
-def _fields_that_differ(then: Guidance, now: Guidance) -> list[str]:
-    """Name what is not the same in two decisions that may come to the same."""
+def _values_that_differ(cycle: ReplayedCycle) -> dict[str, tuple[str, str]]:
+    """Return what is not the same, by its name, then and now: two decisions may come to the same words."""
+    then, now = cycle.notes.guidance, cycle.cycle.guidance
     outer = [(f"guidance.{each.name}", then, now, each.name) for each in fields(Guidance) if each.name != "trace"]
     inner = [(f"trace.{each.name}", then.trace, now.trace, each.name) for each in fields(DecisionTrace)]
-    return [name for name, old, new, field in outer + inner if not exact.same(getattr(old, field), getattr(new, field))]
+    values = [(name, getattr(old, field), getattr(new, field)) for name, old, new, field in outer + inner]
+    if "cues" in cycle.differs_in:
+        values.append(("cues", cycle.notes.cues, cycle.cues))
+    return {name: _apart(old, new) for name, old, new in values if not exact.same(old, new)}
+
+
+def _apart(then: object, now: object) -> tuple[str, str]:
+    """Return two values in words that differ: of long ones, from shortly before the first place where they do."""
+    old, new = repr(then), repr(now)
+    first = next((at for at, (one, other) in enumerate(zip(old, new, strict=False)) if one != other), 0)
+    begin = max(0, first - _SHOWN_BEFORE) if max(len(old), len(new)) > _SHOWN_LENGTH else 0
+    return _cut(old, begin), _cut(new, begin)
+
+
+def _cut(text: str, begin: int) -> str:
+    end = begin + _SHOWN_LENGTH
+    return f"{'…' if begin else ''}{text[begin:end]}{'…' if end < len(text) else ''}"
 
 
 def _in_words(guidance: Guidance, cues: tuple[Cue, ...]) -> str:
     direction = "" if guidance.direction is None else f" {math.degrees(guidance.direction):+.1f}°"
-    said = "".join(f" “{cue.text}”" for cue in cues if cue.text)
+    said = "".join(f" “{cue.text}”" if cue.text else f" [{cue.kind.value}]" for cue in cues)
     return f"{guidance.action.value}{direction} ({guidance.reason.value}){said}"
 
 

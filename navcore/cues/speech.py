@@ -97,6 +97,14 @@ def repeat_last(
     return played, replace(memory, bus=bus)
 
 
+def forget(kinds: frozenset[CueKind], memory: CueMemory) -> CueMemory:
+    """Return the memory without sentences of some kinds that wait, or could be said again: they are no longer true."""
+    bus, last = memory.bus, memory.bus.repeatable
+    waiting = tuple(cue for cue in bus.waiting if (cue.repeats or cue.kind) not in kinds)
+    is_outdated = last is not None and (last.repeats or last.kind) in kinds
+    return replace(memory, bus=replace(bus, waiting=waiting, repeatable=None if is_outdated else last))
+
+
 def message_cue(stamp_s: float, text: str) -> Cue:
     """Return a sentence as a cue."""
     return Cue(stamp_s, CueKind.MESSAGE, PRIORITY[CueKind.MESSAGE], text)

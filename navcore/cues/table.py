@@ -87,11 +87,11 @@ _SIDES = ("left", "right")
 _SPOKEN = "speech, in the middle"
 
 _ANSWERS = (
-    *(f"mode_{mode.value}" for mode in Mode),
+    *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
     "on_duty", "off_duty", "map_offered", "map_begun", "map_place", "map_marked", "map_ended",
     "destination", "destination_console",
     *(f"refused_{why}" for why in (
-        "off_duty", "on_duty", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
+        "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
     "menu_by_distance", "menu_by_name", "menu_entry", "menu_entry_here", "menu_entry_unknown", "menu_closed",
     "menu_empty",
@@ -150,7 +150,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
-         "way_anew", "camera_moved", "camera_agrees"),
+         "way_anew", "camera_moved", "camera_agrees", "storage_trouble"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",

@@ -1,0 +1,214 @@
+"""A folder of the device's own that is damaged or cannot be written: told at the start, and guidance goes on."""
+
+from __future__ import annotations
+
+import errno
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from device_console import TOKEN, Console
+
+from device_agent.calibration_store import CalibrationStore
+from device_agent.device_store import DeviceStore
+from device_agent.doctor import machine
+from device_agent.doctor.findings import Status
+from device_agent.journal import EventJournal, refuse_damaged
+from device_agent.link_state import LinkState
+from device_agent.state_health import _what_is_wrong, damages, refuse_unwritable
+from navcore.calibration import Calibration, FloorCalibration
+from navcore.errors import InputError
+from navcore.settings import Settings
+
+FLOOR = FloorCalibration(5.0, 1.6, 0.01, 0.26, 0.004, 0.01, 0.003, 30)
+SPOKEN = "The device's storage has a fault. Guidance works. Let somebody look at it."
+
+
+def test_a_folder_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
+    refuse_unwritable(tmp_path / "new" / "state")
+    assert list((tmp_path / "new" / "state").iterdir()) == []
+
+
+@pytest.mark.parametrize("below", ["", "state"])
+def test_a_file_in_the_folders_place_is_told_with_its_name(tmp_path: Path, below: str) -> None:
+    file = tmp_path / "glasses"
+    file.write_text("")
+    with pytest.raises(InputError, match=r"/glasses is a file, .*: name a folder with --state DIR\.$"):
+        refuse_unwritable(file / below)
+
+
+def test_a_folder_that_nobody_can_make_is_told() -> None:
+    with pytest.raises(InputError, match=r"/proc/vbr cannot be written .*: name another folder with --state DIR\.$"):
+        refuse_unwritable(Path("/proc/vbr"))
+
+
+@pytest.mark.parametrize(
+    ("number", "told"),
+    [
+        (errno.EROFS, ": run `sudo mount -o remount,rw /"),
+        (errno.ENOSPC, ": remove what is not needed; `sudo du -xh /"),
+        (errno.EDQUOT, ": remove what is not needed"),
+        (errno.EACCES, ": run `sudo chown -R "),
+        (errno.EIO, ": name another folder with --state DIR"),
+    ],
+)
+def test_each_fault_of_a_disk_has_its_own_advice(tmp_path: Path, number: int, told: str) -> None:
+    assert told in _what_is_wrong(tmp_path / "state", OSError(number, os.strerror(number)))
+
+
+@pytest.mark.parametrize(
+    ("mount", "told"),
+    [
+        ("mount -t tmpfs -o ro none {0}", "can only be read: run `sudo mount -o remount,rw {0}`"),
+        ("mount -t tmpfs -o size=16k none {0}; cat /dev/zero > {0}/zeros", "is full: remove what is not needed"),
+    ],
+)
+def test_a_disk_that_is_really_full_or_read_only(tmp_path: Path, mount: str, told: str) -> None:
+    """In a mount namespace of its own, where anybody may mount."""
+    if subprocess.run(["unshare", "-rm", "true"], capture_output=True, check=False).returncode != 0:
+        pytest.skip("this machine gives no mount namespace (unshare -rm)")
+    look = (
+        "import sys; from pathlib import Path; from device_agent.state_health import refuse_unwritable\n"
+        "try: refuse_unwritable(Path(sys.argv[1]))\nexcept Exception as error: print(error)\n"
+        "print(*sorted(path.name for path in Path(sys.argv[1]).iterdir()))"
+    )
+    script = f'({mount.format(tmp_path)}) 2>/dev/null; exec {sys.executable} -c "$0" {tmp_path}'
+    done = subprocess.run(
+        ["unshare", "-rm", "sh", "-c", script, look], capture_output=True, text=True, timeout=60, check=True
+    )
+    said, left = done.stdout.splitlines()
+    assert told.format(tmp_path) in said
+    assert left in ("", "zeros"), "nothing half-written stays"
+
+
+def damaged(folder: Path) -> DeviceStore:
+    """Fill a folder as a device leaves it, and damage all that it has kept there."""
+    store = DeviceStore(folder, folder / "site")
+    refuse_unwritable(folder)
+    store.save_settings(Settings(), 3)
+    CalibrationStore(folder).store(Calibration(FLOOR), 1.0)
+    CalibrationStore(folder).path.write_text("damaged")
+    (folder / "settings.json").write_text('{"revision": 3')
+    store.journal_path.write_bytes(b"SQLite format 3\x00" + bytes(4000))
+    return store
+
+
+def test_what_is_whole_is_not_complained_of_and_what_is_damaged_is_named(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path / "whole", tmp_path / "site")
+    assert damages(store) == [], "nothing was ever kept"
+    refuse_unwritable(store.state_folder)
+    store.save_settings(Settings(), 3)
+    store.save_link_state(LinkState())
+    EventJournal(store.journal_path).close()
+    assert damages(store) == []
+    bad = damaged(tmp_path / "bad")
+    assert [error.args[0].partition(" in ")[0].partition(str(tmp_path))[0] for error in damages(bad)] == [
+        "The settings", "The event journal ",
+    ]  # fmt: skip
+    assert bad.load_settings() == (Settings(), 0)
+
+
+def test_a_journal_is_examined_without_being_changed(tmp_path: Path) -> None:
+    path = tmp_path / "events.sqlite"
+    path.write_bytes(b"no database, and as long as one would be" * 100)
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="is damaged"):
+        refuse_damaged(path)
+    assert (path.read_bytes(), [each.name for each in tmp_path.iterdir()]) == (before, ["events.sqlite"])
+
+
+def test_events_without_a_disk_wait_in_memory(tmp_path: Path) -> None:
+    journal = EventJournal(None)
+    journal.append(1.0, "mode", "told")
+    journal.flush()
+    assert [event.text for event in journal.pending(0)] == ["told"]
+    journal.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_doctor_says_the_same(tmp_path: Path) -> None:
+    store = damaged(tmp_path)
+    finding = machine.check_disk(tmp_path, lambda folder: 10 << 30)
+    assert finding.status is Status.WARNING
+    assert f"{finding.found}: {finding.advice}." == str(damages(store)[0])
+    (tmp_path / "settings.json").unlink()
+    assert "journal" in machine.check_disk(tmp_path, lambda folder: 10 << 30).found
+
+
+# ------------------------------------------------------------------------------------------------ the whole device
+@pytest.fixture
+def console() -> Iterator[Console]:
+    console = Console()
+    console.start()
+    yield console
+    console.close()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["damaged", "a file"])
+def test_the_device_starts_says_what_is_wrong_and_works(how: str, tmp_path: Path, console: Console) -> None:
+    state, token = tmp_path / "state", tmp_path / "token"
+    token.write_text(TOKEN)
+    if how == "damaged":
+        damaged(state)
+    else:
+        state.write_text("")
+    command = [
+        sys.executable, "-m", "device_agent", "device", "--without-map", "--site", str(tmp_path / "site"),
+        "--simulated", "--state", str(state), "--console", f"ws://127.0.0.1:{console.port}", "--token-file", str(token),
+    ]  # fmt: skip
+    with (tmp_path / "stderr").open("w") as stderr:
+        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
+        try:
+            # The loop runs, the walker hears of it, and the console as well: in this order or another.
+            console.wait_for(lambda: SPOKEN in [event.text for event in console.stored if event.kind == "cue"], 120.0)
+        finally:
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30.0) == 0
+    told = [event.text for event in console.stored if event.kind == "mode"]
+    said = (tmp_path / "stderr").read_text()
+    assert "Traceback" not in said
+    expected = {
+        "damaged": ["The settings in", "The event journal", "vbr calibrate restore 1 --state", "is kept as events"],
+        "a file": ["is a file, and the device's own folder cannot be there: name a folder with --state DIR."],
+    }[how]
+    for words in expected:
+        assert any(words in text for text in told), (words, told)
+        assert words in said
+
+
+@pytest.mark.slow
+def test_a_warning_does_not_spoil_the_window_in_which_keys_are_pressed(tmp_path: Path, console: Console) -> None:
+    state, token = tmp_path / "state", tmp_path / "token"
+    token.write_text("a-token-that-the-console-refuses")
+    command = [
+        sys.executable, "-m", "device_agent", "device", "--without-map", "--site", str(tmp_path / "site"),
+        "--simulated", "--state", str(state), "--console", f"ws://127.0.0.1:{console.port}", "--token-file", str(token),
+        "--buttons", "keyboard",
+    ]  # fmt: skip
+    ours, theirs = os.openpty()
+    process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True)
+    os.close(theirs)
+    window = b""
+    try:
+        # What the walker hears is printed; the refusal is a warning, in the log alone.
+        while b"There is no map yet." not in window or not _logged(state, "refuses this device's token"):
+            assert select.select([ours], [], [], 120.0)[0], "nothing is printed"
+            window += os.read(ours, 10_000)
+            os.write(ours, b"m")
+    finally:
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(30.0) == 0
+        os.close(ours)
+    assert b"refuses" not in window
+    assert b"WARNING" not in window
+
+
+def _logged(state: Path, words: str) -> bool:
+    path = state / "logs" / "device.jsonl"
+    return path.exists() and words in path.read_text()

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
+from device_agent.locating import Locator, Request
 from device_agent.motion import extended_trail
 from device_agent.mounting import expected_of, look_at_floor
-from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
+from device_agent.ports import Clock, DepthCamera, Sonar
 from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
 from device_agent.transitions import happen, mode_event
@@ -30,7 +31,7 @@ from navcore.obstacle.memory import remember, remember_heard, with_memory
 from navcore.obstacle.mounting import FloorFinder, find_floor
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
-from navcore.slam.dead_reckoning import carried_on
+from navcore.slam.dead_reckoning import carried_on, reckoned
 from navcore.types import (
     Action,
     DecisionTrace,
@@ -51,7 +52,7 @@ class Ports:
     clock: Clock
     camera: DepthCamera
     sonar: Sonar
-    localizer: LocalizerPort
+    locator: Locator
     voice: Voice
     stale_s: Callable[[], float]
     """When the watchdog last found guidance stale."""
@@ -115,7 +116,8 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     if state.blind:
         effects.append(Happened("sensor", "The camera delivers again."))
     with times.stage("localize"):
-        state, located = _located(state, ports.localizer, frame)
+        state, located, pose_late = _located(state, ports.locator, frame)
+        effects += _told_of_silence(state, located)
         pose = located.pose
     sure = located.quality is LocalizationQuality.LOCALIZED
     state = replace(
@@ -144,24 +146,58 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state, arrived = _after(replace(state, guidance=guidance), now_s)
-    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
+    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms, pose_late=pose_late)
     return state, cycle, (*effects, *planned, *found, *arrived)
 
 
-def _located(state: DeviceState, localizer: LocalizerPort, frame: Frame) -> tuple[DeviceState, Localization]:
-    """Return where the frame was taken; at half rate every second sure pose is carried on, and never two in a row."""
+def _located(state: DeviceState, locator: Locator, frame: Frame) -> tuple[DeviceState, Localization, bool]:
+    """Return where the frame was taken, and whether the localizer was too late to say so.
+
+    Then, and where the frame is left out, it follows from the poses before: the newest of them may have come only now.
+    """
+    request = _request(state, frame)
+    answer = locator.locate(request)
+    came = tuple(each for each in (answer.late, answer.own) if each is not None)
+    state = replace(state, fixes=(*state.fixes, *came)[-2:])
+    if answer.own is not None:
+        return state, answer.own, False
+    left_out = request.feature_fraction is None or (answer.late is not None and request.rests)
+    # Whoever looks for a lost place takes longer, and nobody walks meanwhile.
+    late = not left_out and not _is_lost(state)
+    return state, reckoned(state.fixes, frame.stamp_s, state.settings.watchdog.guidance_timeout_s), late
+
+
+def _request(state: DeviceState, frame: Frame) -> Request:
+    """Return what is asked of the localizer; at half rate one frame is left out after each pose that it has found.
+
+    So a sure pose is carried on, and never two in a row. Whoever has lost the place needs all that a picture shows to
+    find it again.
+    """
+    is_lost, half = _is_lost(state), state.load_level is LoadLevel.HALF_RATE
+    fraction: float | None = 1.0 if is_lost else state.load_level.feature_fraction
+    if half and _was_found(state) and carried_on(state.fixes[0], state.fixes[1], frame.stamp_s) is not None:
+        fraction = None
+    return Request(frame, fraction, half and not is_lost, state.settings.deadlines.pose_wait_s)
+
+
+def _was_found(state: DeviceState) -> bool:
+    """Whether the localizer has found the last frame's pose, in time, and another one before."""
     last = state.located
-    was_found = last is not None and len(state.fixes) == 2 and last.stamp_s == state.fixes[-1].stamp_s
-    if state.load_level is LoadLevel.HALF_RATE and was_found:
-        before, found = state.fixes
-        carried = carried_on(before, found, frame.stamp_s)
-        if carried is not None:
-            return state, carried
-    # Whoever has lost the place needs all that a picture shows to find it again.
-    is_lost = last is None or last.quality is LocalizationQuality.LOST
-    localizer.use_features(1.0 if is_lost else state.load_level.feature_fraction)
-    located = localizer.locate(frame)
-    return replace(state, fixes=(*state.fixes[-1:], located)), located
+    return last is not None and len(state.fixes) == 2 and last.stamp_s == state.fixes[-1].stamp_s
+
+
+def _is_lost(state: DeviceState) -> bool:
+    """Whether the localizer itself, as far as it has answered, does not know the place."""
+    return not state.fixes or state.fixes[-1].quality is LocalizationQuality.LOST
+
+
+def _told_of_silence(state: DeviceState, located: Localization) -> tuple[Effect, ...]:
+    """Tell once that the localizer says nothing; ``state`` is that before the frame, but for the newest poses."""
+    was_known = state.located is not None and state.located.quality is not LocalizationQuality.LOST
+    if not was_known or located.quality is not LocalizationQuality.LOST or _is_lost(state):
+        return ()
+    silent_s = located.stamp_s - state.fixes[-1].stamp_s
+    return (Happened("localization", f"Localization has not answered for {silent_s:.1f} s: the place is lost."),)
 
 
 def _with_what_was_seen(

@@ -32,6 +32,7 @@ from navcore.obstacle.mounting import FloorFinder, find_floor
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
 from navcore.slam.dead_reckoning import carried_on, reckoned
+from navcore.slam.localizer import MAX_UNMATCHED_S
 from navcore.types import (
     Action,
     DecisionTrace,
@@ -177,7 +178,13 @@ def _request(state: DeviceState, frame: Frame) -> Request:
     fraction: float | None = 1.0 if is_lost else state.load_level.feature_fraction
     if half and _was_found(state) and carried_on(state.fixes[0], state.fixes[1], frame.stamp_s) is not None:
         fraction = None
-    return Request(frame, fraction, half and not is_lost, state.settings.deadlines.pose_wait_s)
+    return Request(frame, fraction, half and _may_rest(state, frame), state.settings.deadlines.pose_wait_s)
+
+
+def _may_rest(state: DeviceState, frame: Frame) -> bool:
+    """Whether a frame can be left out after a late pose, and the next one's pose still be carried on, late as well."""
+    last = state.located
+    return not _is_lost(state) and last is not None and 2.0 * (frame.stamp_s - last.stamp_s) <= MAX_UNMATCHED_S
 
 
 def _was_found(state: DeviceState) -> bool:

@@ -399,7 +399,8 @@ class _ReplayedLocator:
         if (waiting := self._tap.late) is not None:
             if notes.late_localization is None and notes.localization_error is None:
                 return Answer()
-            self._tap.late, late = None, waiting.taken()
+            self._tap.late = None
+            late = waiting.taken()
             if request.rests:
                 return Answer(late=late)
         if request.feature_fraction is None:

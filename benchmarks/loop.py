@@ -15,13 +15,14 @@ FOLDER keeps what is made the first time (some minutes, 6 GB): a walk of 150 m t
   journal, and a link to a console that is not there. All of it runs on one core (``sched_setaffinity``). Frames lie
   unpacked on disk; copying them is paid on the same core. ``others_core_share`` is what other processes took of that
   core meanwhile: where that is more than a few hundredths, the times are not the device's own. ``late_share`` is the
-  share of the cycles that went on without the pose of their frame, ``pose`` how far the poses that guidance had are from
-  the truth, all that were *Localized*. ``--no-plan`` leaves nothing out, however slow it is; ``--in-line`` waits for
+  share of the cycles that went on without the pose of their frame, ``pose`` how far the *Localized* poses that guidance
+  had are from the truth. ``--no-plan`` leaves nothing out, however slow it is; ``--in-line`` waits for
   each pose, as the device does in the simulated building.
-- ``--target-quota`` emulates the target: the process gets a share of the core in the ratio of 1.44 GHz to this machine's
-  clock (``--target-ghz`` for another one; ``--host-ghz`` where the kernel does not tell it; see benchmarks/cpu_quota.py).
-- ``--compare`` emulates a clock of so many GHz with the load plan, without it, and without both it and the thread of its
-  own that localization has, in turn and anew each time, so that what else the machine does falls on all of them.
+- ``--target-quota`` emulates the target: the process gets a share of the core in the ratio of 1.44 GHz to this
+  machine's clock (``--target-ghz`` for another one; ``--host-ghz`` where the kernel does not tell it; see
+  benchmarks/cpu_quota.py).
+- ``--compare`` emulates a clock of so many GHz with the load plan, without it, and without both it and the thread that
+  localization has, in turn and anew each time, so that what else the machine does falls on all of them.
 - ``--minutes`` plays the first walk at 10 Hz for so long by the device's clock, as fast as the machine can, with the
   recorder writing in between, and tells what the process holds.
 - ``--start`` runs ``vbr device`` on the recording and takes the time from its start until it says *Ready*, with the

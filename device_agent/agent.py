@@ -320,9 +320,10 @@ class DeviceAgent:
                 self._locator.close()
                 self._locator = self._parts.locating(effect.prepared.localizer)
                 self._locator.apply(self.state.settings)
-                self._keep(lambda store: store.swap_map(effect.prepared.staging))
+                self._disk.submit(self._keep, lambda store: store.swap_map(effect.prepared.staging))
             case StoreGraph():
-                self._keep(lambda store: store.save_graph(effect.graph))
+                # After the map that it may be the graph of: one thread writes both.
+                self._disk.submit(self._keep, lambda store: store.save_graph(effect.graph))
             case StoreSettings():
                 self._locator.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)

@@ -186,6 +186,7 @@ def test_a_graph_waits_until_the_walker_stops_and_is_kept(tmp_path: Path, small_
     rig.agent.submit(ClearDestination())
     rig.cycles(2)
     assert rig.messages(GraphRunning) == [GraphRunning(9)]
+    rig.agent.settle()
     assert load_poi_graph(tmp_path / "site") == graph
 
 
@@ -202,6 +203,7 @@ def test_a_map_waits_until_the_walker_stops_and_moves_into_place(tmp_path: Path,
     rig.agent.submit(ClearDestination())
     rig.cycles(2)
     assert rig.messages(MapRunning)[1:] == [MapRunning(checksum)]
+    rig.agent.settle()
     assert load_site(tmp_path / "site").name == "A newer map"
     assert rig.agent.hello().map_checksum == checksum
 

@@ -24,6 +24,7 @@ from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
+from navcore.geometry import Transform
 from navcore.guide import guide
 from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
@@ -117,9 +118,9 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     if state.blind:
         effects.append(Happened("sensor", "The camera delivers again."))
     with times.stage("localize"):
-        state, located, pose_late = _located(state, ports.locator, frame)
+        state, place = _located(state, ports.locator, frame)
+        located, pose = place.located, place.located.pose
         effects += _told_of_silence(state, located)
-        pose = located.pose
     sure = located.quality is LocalizationQuality.LOCALIZED
     state = replace(
         state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose), located=located,
@@ -130,7 +131,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         expected = expected_of(state.calibration, frame)
-        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle, expected)
+        scan = ports.scan(frame.depth_m, intrinsics, place.level, settings.obstacle, expected)
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
         effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
@@ -147,25 +148,40 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state, arrived = _after(replace(state, guidance=guidance), now_s)
-    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms, pose_late=pose_late)
+    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms, pose_late=place.is_late)
     return state, cycle, (*effects, *planned, *found, *arrived)
 
 
-def _located(state: DeviceState, locator: Locator, frame: Frame) -> tuple[DeviceState, Localization, bool]:
-    """Return where the frame was taken, and whether the localizer was too late to say so.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where a frame was taken."""
 
-    Then, and where the frame is left out, it follows from the poses before: the newest of them may have come only now.
-    """
+    located: Localization
+    is_own: bool = True
+    """The localizer has said so of this very frame; else it follows from the poses before."""
+    is_late: bool = False
+    """The localizer, which knows the place, was not in time."""
+
+    @property
+    def level(self) -> Transform | None:
+        """The pose that tells which way is up; a head that nods has left one that is held: the floor must tell."""
+        is_held = not self.is_own and self.located.quality is not LocalizationQuality.LOCALIZED
+        return None if is_held else self.located.world_from_camera
+
+
+def _located(state: DeviceState, locator: Locator, frame: Frame) -> tuple[DeviceState, _Place]:
+    """Return where the frame was taken: by itself, or by the poses before; one of them may have come only now."""
     request = _request(state, frame)
     answer = locator.locate(request)
     came = tuple(each for each in (answer.late, answer.own) if each is not None)
     state = replace(state, fixes=(*state.fixes, *came)[-2:])
     if answer.own is not None:
-        return state, answer.own, False
+        return state, _Place(answer.own)
     left_out = request.feature_fraction is None or (answer.late is not None and request.rests)
     # Whoever looks for a lost place takes longer, and nobody walks meanwhile.
-    late = not left_out and not _is_lost(state)
-    return state, reckoned(state.fixes, frame.stamp_s, state.settings.watchdog.guidance_timeout_s), late
+    is_late = not left_out and not _is_lost(state)
+    located = reckoned(state.fixes, frame.stamp_s, state.settings.watchdog.guidance_timeout_s)
+    return state, _Place(located, is_own=False, is_late=is_late)
 
 
 def _request(state: DeviceState, frame: Frame) -> Request:

@@ -30,7 +30,7 @@ from device_agent.recording.tap import Tap
 from device_agent.recording.walk_files import parts_in
 from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import CueKind
-from navcore.geometry import Transform
+from navcore.geometry import Transform, world_from_camera_at
 from navcore.settings import Settings
 from navcore.site import Site
 from navcore.types import Action, Frame, Localization, LocalizationQuality, Reason
@@ -112,6 +112,8 @@ class Walk:
         self.time, self.localizer, self._tap = Impatience(), Gated(), tap or Tap()
         self.wall_m: float | None = None
         """Distance of something that stands in front of the whole picture."""
+        self.nod_rad = 0.0
+        """How much farther down the walker looks than usual."""
         rig = self.rig = Rig(
             tap=self._tap, plans_load=plans, spoil=self._spoiled,
             locating=lambda _: Beside(self.localizer, self.time), frame_s=frame_s,
@@ -120,6 +122,11 @@ class Walk:
         self.on(20)
 
     def _spoiled(self, frame: Frame) -> Frame:
+        if self.nod_rad:
+            assert self.rig.pose is not None
+            pitch_rad = np.radians(15.0) + self.nod_rad
+            shown = world_from_camera_at(tuple(self.rig.pose.translation), 0.0, pitch_rad)
+            return replace(frame, depth_m=empty_hall(shown))
         if self.wall_m is None:
             return frame
         return replace(frame, depth_m=np.full_like(frame.depth_m, self.wall_m))
@@ -304,6 +311,19 @@ def test_obstacles_count_at_once_while_the_localizer_hangs() -> None:
     assert cycle.guidance.action is not Action.WALK
     assert cycle.guidance.reason in (Reason.OBSTACLE_DEPTH, Reason.NO_CANDIDATE)
     assert cycle.scan is not None
+
+
+@pytest.mark.parametrize("nod_rad", [-0.2, 0.15])
+def test_a_head_that_nods_while_a_pose_is_held_is_levelled_by_the_floor(nod_rad: float) -> None:
+    """By the pose of before the nod, the floor would seem to rise or to fall, and a box to stand in it."""
+    walk = Walk()
+    walk.hang()
+    walk.on(1)
+    walk.nod_rad = nod_rad
+    for cycle in walk.on(3):
+        assert cycle.localization is not None
+        assert cycle.localization.quality is UNCERTAIN
+        assert cycle.guidance.action is Action.WALK, cycle.guidance.trace.rule
 
 
 def test_the_depth_image_of_nothing_is_never_clear_while_the_localizer_hangs() -> None:

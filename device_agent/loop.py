@@ -136,7 +136,7 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
-        state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
+        state, scan = _with_what_was_seen(state, scan, sonar, place, frame.stamp_s)
     with times.stage("guide"):
         decided = _decide(state, frame.stamp_s, located, scan, sonar)
         now_s, stale_s = ports.clock.now_s(), ports.stale_s()
@@ -163,10 +163,14 @@ class _Place:
     """The localizer, which knows the place, was not in time."""
 
     @property
+    def is_held(self) -> bool:
+        """The pose stands still while nobody knows how the walker moves on."""
+        return not self.is_own and self.located.quality is not LocalizationQuality.LOCALIZED
+
+    @property
     def level(self) -> Transform | None:
         """The pose that tells which way is up; a head that nods has left one that is held: the floor must tell."""
-        is_held = not self.is_own and self.located.quality is not LocalizationQuality.LOCALIZED
-        return None if is_held else self.located.world_from_camera
+        return None if self.is_held else self.located.world_from_camera
 
 
 def _located(state: DeviceState, locator: Locator, frame: Frame) -> tuple[DeviceState, _Place]:
@@ -224,15 +228,19 @@ def _told_of_silence(state: DeviceState, located: Localization) -> tuple[Effect,
 
 
 def _with_what_was_seen(
-    state: DeviceState, scan: ObstacleScan, sonar: SonarReading | None, located: Localization, stamp_s: float
+    state: DeviceState, scan: ObstacleScan, sonar: SonarReading | None, place: _Place, stamp_s: float
 ) -> tuple[DeviceState, ObstacleScan]:
     """Add to a scan what is out of the image now, and where that will be which comes towards the walker.
 
-    Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since.
+    Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since, but
+    not one that is only held: by it nothing is forgotten, and nothing put where it may not be.
     """
-    pose, settings = located.pose, state.settings
+    located, pose, settings = place.located, place.located.pose, state.settings
     if pose is None or located.quality is LocalizationQuality.LOST:
         return replace(state, recent_scans=()), scan
+    if place.is_held:
+        known = state.obstacles.and_also(state.heard)
+        return replace(state, recent_scans=()), with_memory(scan, known, pose, settings.obstacle)
     echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
     half_field_rad = math.radians(settings.gate.half_field_deg)
     looks_rad = 0.0 if sonar is None else sonar.bearing_rad

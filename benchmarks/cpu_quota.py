@@ -1,9 +1,9 @@
 """Emulates a slower processor: a process gets only a share of one core's time, in slices of 10 ms.
 
-The kernel does it where a cgroup can be made (v2 ``cpu.max``, v1 ``cpu.cfs_quota_us``), and gives the process that share
-before all others, so that a busy machine emulates the same processor; elsewhere a child of this process stops and
-continues it in turn. A share by the ratio of two clocks says nothing of what the other processor does
-within one cycle of its clock: a real target of the same clock may be slower.
+The kernel does it where a cgroup can be made (v2 ``cpu.max``, v1 ``cpu.cfs_quota_us``), and gives the process that
+share before all others, so that a busy machine emulates the same processor; elsewhere a child of this process stops
+and continues it in turn. A share by the ratio of two clocks says nothing of what the other processor does within one
+cycle of its clock: a real target of the same clock may be slower.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
 """Emulates a slower processor: a process gets only a share of one core's time, in slices of 10 ms.
 
-The kernel does it where a cgroup can be made (v2 ``cpu.max``, v1 ``cpu.cfs_quota_us``); elsewhere a child of this
-process stops and continues it in turn. A share by the ratio of two clocks says nothing of what the other processor does
-within one cycle of its clock: a real target of the same clock may be slower.
+The kernel does it where a cgroup can be made (v2 ``cpu.max``, v1 ``cpu.cfs_quota_us``), and gives the process that
+share before all others, so that a busy machine emulates the same processor; elsewhere a child of this process stops
+and continues it in turn. A share by the ratio of two clocks says nothing of what the other processor does within one
+cycle of its clock: a real target of the same clock may be slower.
 """
 
 from __future__ import annotations
@@ -79,8 +80,11 @@ def _made_group(fraction: float) -> Path | None:
     """Make a group with this quota; None where no group can be made."""
     quota_us, period_us = round(1e6 * max(_LEAST_S, fraction * PERIOD_S)), round(1e6 * PERIOD_S)
     for parent, lines in (
-        (CGROUPS, {"cpu.max": f"{quota_us} {period_us}"}),
-        (CGROUPS / "cpu", {"cpu.cfs_period_us": str(period_us), "cpu.cfs_quota_us": str(quota_us)}),
+        (CGROUPS, {"cpu.max": f"{quota_us} {period_us}", "cpu.weight": "10000"}),
+        (
+            CGROUPS / "cpu",
+            {"cpu.cfs_period_us": str(period_us), "cpu.cfs_quota_us": str(quota_us), "cpu.shares": "262144"},
+        ),
     ):
         folder = parent / f"vbr-quota-{os.getpid()}"
         try:

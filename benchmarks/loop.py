@@ -1,6 +1,8 @@
 """The whole device on one core: from a frame's capture to its cue, memory after an hour, and the time until *Ready*.
 
-    python -m benchmarks.loop --cache FOLDER [--seconds 60] [--rate-hz 30] [--target-ghz 1.44] [--no-plan]
+    python -m benchmarks.loop --cache FOLDER [--seconds 60] [--rate-hz 30] [--no-plan] [--in-line]
+    python -m benchmarks.loop --cache FOLDER --target-quota [--seconds 60]
+    python -m benchmarks.loop --cache FOLDER --compare 0.35 [--turns 3] [--seconds 30]
     python -m benchmarks.loop --cache FOLDER --minutes 60
     python -m benchmarks.loop --cache FOLDER --start
     python -m benchmarks.loop --cache FOLDER --accuracy
@@ -11,10 +13,16 @@ FOLDER keeps what is made the first time (some minutes, 6 GB): a walk of 150 m t
 - The first command plays the second walk back and forth at the camera's rate, in real time, to the device: its reader's
   thread, the real localizer in the real map, obstacles, guidance, voice, watchdog, recorder (without pictures), event
   journal, and a link to a console that is not there. All of it runs on one core (``sched_setaffinity``). Frames lie
-  unpacked on disk; copying them is paid on the same core. With ``--target-ghz`` the process gets a share of the core in
-  the ratio of that clock to this machine's (``--host-ghz`` where the kernel does not tell it; see
-  benchmarks/cpu_quota.py). ``others_core_share`` is what other processes took of that core meanwhile: where that is
-  more than a few hundredths, the times are not the device's own. ``--no-plan`` leaves nothing out, however slow it is.
+  unpacked on disk; copying them is paid on the same core. ``others_core_share`` is what other processes took of that
+  core meanwhile: where that is more than a few hundredths, the times are not the device's own. ``late_share`` is the
+  share of the cycles that went on without the pose of their frame, ``pose`` how far the *Localized* poses that guidance
+  had are from the truth. ``--no-plan`` leaves nothing out, however slow it is; ``--in-line`` waits for
+  each pose, as the device does in the simulated building.
+- ``--target-quota`` emulates the target: the process gets a share of the core in the ratio of 1.44 GHz to this
+  machine's clock (``--target-ghz`` for another one; ``--host-ghz`` where the kernel does not tell it; see
+  benchmarks/cpu_quota.py).
+- ``--compare`` emulates a clock of so many GHz with the load plan, without it, and without both it and the thread that
+  localization has, in turn and anew each time, so that what else the machine does falls on all of them.
 - ``--minutes`` plays the first walk at 10 Hz for so long by the device's clock, as fast as the machine can, with the
   recorder writing in between, and tells what the process holds.
 - ``--start`` runs ``vbr device`` on the recording and takes the time from its start until it says *Ready*, with the
@@ -36,6 +44,7 @@ import sys
 import tempfile
 import time
 from collections import Counter
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict
 from pathlib import Path
@@ -50,13 +59,15 @@ from device_agent.adapters.fakes import FakeSonar, NoUplink
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TextOutput
 from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.cycle import Cycle
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.load_plan import LoadLevel
 from device_agent.localization import make_localizer
+from device_agent.locating import Beside, InLine, Locator
 from device_agent.orders import Lead
-from device_agent.ports import Clock, DepthCamera, Uplink
+from device_agent.ports import Clock, DepthCamera, LocalizerPort, Uplink
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.simulation.walk_recording import record_walk
@@ -74,6 +85,8 @@ from navcore.slam.lie import log_so3
 from navcore.types import Localization, LocalizationQuality
 
 SIZE_PX = (640, 480)
+TARGET_GHZ = 1.44
+"""The clock of the glasses' processor."""
 PLACES = ("bar", "wash-room")
 """Where the device leads, in turn."""
 HOUR_RATE_HZ = 10.0
@@ -112,6 +125,7 @@ class Device:
         uplink: Uplink,
         *,
         plans: bool = False,
+        locating: Callable[[LocalizerPort], Locator] = InLine,
         level: LoadLevel | None = None,
     ) -> None:
         """``level`` is that of every cycle, whatever the plan says."""
@@ -123,20 +137,21 @@ class Device:
         self._sonar = FakeSonar(clock)
         output = TextOutput(Path(os.devnull).open("w"))  # noqa: SIM115 - as long as the process
         parts = DeviceParts(
-            clock, camera, self._sonar, output, uplink, make_localizer, plans_load=plans, tap=self.recorder
+            clock, camera, self._sonar, output, uplink, make_localizer, plans_load=plans, tap=self.recorder,
+            locating=locating,
         )  # fmt: skip
         self.recorder.rehearsed(frame := camera.read())
         localizer.locate(frame)
         self.agent = DeviceAgent(parts, DeviceState(settings, self._site.poi_graph, self._site.site_id), localizer)
         self._led = 0
 
-    def cycle(self) -> None:
+    def cycle(self) -> Cycle:
         """Run one; who has arrived is led to the other place."""
         if not self.agent.state.leading:
             self.agent.submit(Lead(PLACES[self._led % len(PLACES)]))
             self._led += 1
         self._sonar.echo(None)
-        self.agent.run_cycle()
+        return self.agent.run_cycle()
 
 
 class _LevelledRecorder(WalkRecorder):
@@ -151,7 +166,7 @@ class _LevelledRecorder(WalkRecorder):
         return super().load_level(self._level or level)
 
 
-def walk(cache: Path, seconds: float, rate_hz: float, plans: bool, fraction: float) -> dict[str, Any]:
+def walk(cache: Path, seconds: float, rate_hz: float, fraction: float, *, plans: bool, in_line: bool) -> dict[str, Any]:
     """Play the second walk in real time; return the figures."""
     frames = prepared(cache / "walk30", cache / "walk30.frames")
     clock = SystemClock()
@@ -166,29 +181,38 @@ def walk(cache: Path, seconds: float, rate_hz: float, plans: bool, fraction: flo
         stack.callback(camera.close)
         how = stack.enter_context(limited(fraction))
         share = measured_fraction()
-        device = Device(cache, folder, camera, clock, link, plans=plans)
+        device = Device(cache, folder, camera, clock, link, plans=plans, locating=InLine if in_line else Beside)
         stack.callback(device.recorder.close)
         device.recorder.start()
         link.start(device.agent)
-        figures = _walked(device, source, clock, seconds)
+        _, truth = read_trajectory(cache / "walk30" / "groundtruth.txt")
+        figures = _walked(device, source, clock, seconds, truth)
     return {"limit": how, "core_share": round(share, 3), **figures}
 
 
-def _walked(device: Device, source: PreparedCamera, clock: Clock, seconds: float) -> dict[str, Any]:
+def _walked(
+    device: Device, source: PreparedCamera, clock: Clock, seconds: float, truth: Sequence[Transform]
+) -> dict[str, Any]:
     agent = device.agent
     agent.watchdog.start()
     taken: list[StageTimes] = []
     levels: Counter[str] = Counter()
     qualities: Counter[str] = Counter()
     actions: Counter[str] = Counter()
+    found: list[tuple[Localization, Transform]] = []
+    late_count = 0
     begin_s = clock.now_s() + _SETTLING_S
     others = others_fraction(max(os.sched_getaffinity(0)))
     captured = 0
     while clock.now_s() < begin_s + seconds:
-        device.cycle()
+        cycle = device.cycle()
         if clock.now_s() < begin_s:
             captured = source.captured_count
             continue
+        located = cycle.localization
+        late_count += cycle.pose_late
+        if located is not None and located.quality is LocalizationQuality.LOCALIZED:
+            found.append((located, truth[source.index_at(cycle.stamp_s)]))
         if agent.monitor.newest is not None:
             taken.append(agent.monitor.newest)
         state = agent.state
@@ -202,6 +226,8 @@ def _walked(device: Device, source: PreparedCamera, clock: Clock, seconds: float
         "others_core_share": round(others(), 3),
         "camera_hz": round((source.captured_count - captured) / passed_s, 1),
         "frame_rate_hz": round(len(taken) / passed_s, 1),
+        "late_share": round(late_count / max(1, len(taken)), 3),
+        "pose": _apart(found, _building_from_map(found)) if found else None,
         **_percentiles(taken),
         "missed": {each.stage: each.missed_count for each in agent.monitor.summaries},
         "levels": dict(levels), "qualities": dict(qualities), "actions": dict(actions),
@@ -276,14 +302,18 @@ def _errors(cache: Path, name: str, rate_hz: float, level: LoadLevel) -> dict[st
                 found.append((located, truth[camera.captured_count - 1]))
         device.recorder.close()
         camera.close()
-    places = [pose.translation for located, _ in found if (pose := located.world_from_camera) is not None]
-    building_from_map = align_rigidly(np.array([true.translation for _, true in found]), np.array(places))
+    building_from_map = _building_from_map(found)
     carried = [each for each in found if each[0].inlier_count == 0]
     figures: dict[str, Any] = {"qualities": dict(qualities)}
     for which, poses in (("located", [each for each in found if each[0].inlier_count > 0]), ("carried", carried)):
         if poses:
             figures[which] = _apart(poses, building_from_map)
     return figures
+
+
+def _building_from_map(found: list[tuple[Localization, Transform]]) -> Transform:
+    places = [pose.translation for located, _ in found if (pose := located.world_from_camera) is not None]
+    return align_rigidly(np.array([true.translation for _, true in found]), np.array(places))
 
 
 def _apart(found: list[tuple[Localization, Transform]], building_from_map: Transform) -> dict[str, float]:
@@ -341,7 +371,25 @@ def _measured(arguments: argparse.Namespace) -> dict[str, Any]:
     if arguments.minutes is not None:
         return hour(arguments.cache, arguments.minutes)
     fraction = 1.0 if arguments.target_ghz is None else min(1.0, arguments.target_ghz / arguments.host_ghz)
-    return walk(arguments.cache, arguments.seconds, arguments.rate_hz, not arguments.no_plan, fraction)
+    return walk(
+        arguments.cache, arguments.seconds, arguments.rate_hz, fraction, plans=not arguments.no_plan,
+        in_line=arguments.in_line,
+    )  # fmt: skip
+
+
+def compare(cache: Path, target_ghz: float, turns: int, arguments: argparse.Namespace) -> list[dict[str, Any]]:
+    """Return the figures of each walk under the quota, each in a process of its own, in turn."""
+    runs = []
+    for turn in range(turns):
+        for flags in ([], ["--no-plan"], ["--no-plan", "--in-line"]):
+            command = [
+                sys.executable, "-m", "benchmarks.loop", "--cache", str(cache), "--target-ghz", str(target_ghz),
+                "--host-ghz", str(arguments.host_ghz), "--seconds", str(arguments.seconds),
+                "--rate-hz", str(arguments.rate_hz), *flags,
+            ]  # fmt: skip
+            done = subprocess.run(command, stdout=subprocess.PIPE, check=True, text=True)
+            runs.append({"turn": turn + 1, "flags": flags, **json.loads(done.stdout)})
+    return runs
 
 
 def main() -> int:
@@ -350,19 +398,26 @@ def main() -> int:
     parser.add_argument("--cache", type=Path, required=True, metavar="FOLDER")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--rate-hz", type=float, default=30.0)
+    parser.add_argument("--in-line", action="store_true")
     parser.add_argument("--target-ghz", type=float)
+    parser.add_argument("--target-quota", dest="target_ghz", action="store_const", const=TARGET_GHZ)
+    parser.add_argument("--compare", type=float, metavar="GHZ")
+    parser.add_argument("--turns", type=int, default=3)
     parser.add_argument("--host-ghz", type=float, default=clock_ghz())
     parser.add_argument("--no-plan", action="store_true")
     parser.add_argument("--minutes", type=float)
     parser.add_argument("--start", action="store_true")
     parser.add_argument("--accuracy", action="store_true")
     arguments = parser.parse_args()
-    if arguments.target_ghz is not None and arguments.host_ghz is None:
+    if (arguments.target_ghz or arguments.compare) is not None and arguments.host_ghz is None:
         parser.error("the kernel does not tell this machine's clock: name it with --host-ghz")
     prepare(arguments.cache)
+    figures: dict[str, Any] | list[dict[str, Any]]
     os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
     if arguments.start:
         figures = start(arguments.cache)
+    elif arguments.compare is not None:
+        figures = compare(arguments.cache, arguments.compare, arguments.turns, arguments)
     else:
         use_one_core()
         warm_up()

@@ -72,6 +72,7 @@ class PreparedCamera:
         self._file: BinaryIO | None = frames.path.open("rb")
         self._order = back_and_forth(frames.count)
         self._due_s = clock.now_s()
+        self._begin_s = self._due_s
         self.captured_count = 0
         """Frames that a camera would have taken, skipped ones included."""
 
@@ -89,6 +90,12 @@ class PreparedCamera:
             index = self._next()
         self._clock.sleep_until(self._due_s)
         return self._frames.read(self._file, index, self._due_s)
+
+    def index_at(self, stamp_s: float) -> int:
+        """Return which frame of the recording was given with this stamp."""
+        number, last = round((stamp_s - self._begin_s) / self._period_s) - 1, self._frames.count - 1
+        place = number % (2 * last)
+        return min(place, 2 * last - place)
 
     def _next(self) -> int:
         self._due_s += self._period_s

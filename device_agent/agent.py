@@ -21,6 +21,7 @@ from device_agent.adapters.fakes import NoButtons, NoMapWalks
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.load_plan import LoadLevel
+from device_agent.locating import InLine, Locator
 from device_agent.loop import Ports, run_stages
 from device_agent.loop_monitor import LoopMonitor
 from device_agent.menu import pressed
@@ -93,6 +94,8 @@ class DeviceParts:
     """What the walker can press."""
     timer_s: Callable[[], float] = time.perf_counter
     """Measures how long the stages take, seconds."""
+    locating: Callable[[LocalizerPort], Locator] = InLine
+    """How localizers are asked. In line in lock step, where the same walk must come out however slow the machine is."""
     plans_load: bool = False
     """Less is done where the loop is too slow. Not in lock step, where time does not pass by this machine's speed."""
     tap: Tap = field(default_factory=Tap)
@@ -115,7 +118,7 @@ class DeviceAgent:
         self._clock = self._tap.clock(parts.clock)
         self.state = state
         """Replaced as a whole, between two stages: any thread may read it."""
-        self._localizer = localizer
+        self._locator = parts.locating(localizer)
         self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
         self.monitor = LoopMonitor(plans=parts.plans_load)
         """How long the stages take."""
@@ -195,6 +198,7 @@ class DeviceAgent:
             if self.state.on_the_way:
                 # Whoever still walks hears that nobody leads them any more.
                 self.watchdog.fault("The loop has ended.")
+            self._locator.close()
             self.settle()
 
     def run_cycle(self) -> Cycle:
@@ -204,7 +208,7 @@ class DeviceAgent:
         self._take_load_level()
         parts = self._parts
         ports = Ports(
-            self._clock, parts.camera, parts.sonar, self._localizer, self._voice, lambda: self.watchdog.stale_s,
+            self._clock, parts.camera, parts.sonar, self._locator, self._voice, lambda: self.watchdog.stale_s,
             timer_s=parts.timer_s,
         )  # fmt: skip
         self.state, cycle, effects = run_stages(self.state, self._tap.ports(ports))
@@ -315,13 +319,16 @@ class DeviceAgent:
             case Happened():
                 self._parts.uplink.event(now_s, effect.kind, effect.text)
             case SwapMap():
-                self._localizer = effect.prepared.localizer
-                self._localizer.apply(self.state.settings)
-                self._keep(lambda store: store.swap_map(effect.prepared.staging))
+                # What the other map's localizer may still say is of another place.
+                self._locator.close()
+                self._locator = self._parts.locating(effect.prepared.localizer)
+                self._locator.apply(self.state.settings)
+                self._disk.submit(self._keep, lambda store: store.swap_map(effect.prepared.staging))
             case StoreGraph():
-                self._keep(lambda store: store.save_graph(effect.graph))
+                # After the map that it may be the graph of: one thread writes both.
+                self._disk.submit(self._keep, lambda store: store.save_graph(effect.graph))
             case StoreSettings():
-                self._localizer.apply(effect.settings)
+                self._locator.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)
                 self._disk.submit(self._keep, lambda store: store.save_settings(effect.settings, effect.revision))
             case _:

@@ -31,6 +31,8 @@ class Cycle:
     """Time that each stage took."""
     fault: str = ""
     """What was raised in the loop; empty while all is well."""
+    pose_late: bool = False
+    """The localizer, which knows the place, was not in time with the pose of this frame."""
 
     @property
     def work_ms(self) -> float:

@@ -20,6 +20,7 @@ from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
 from device_agent.localization import NoMap, make_localizer
+from device_agent.locating import Beside, InLine
 from device_agent.logged_uplink import LoggedUplink
 from device_agent.logs import log_files, off_the_terminal
 from device_agent.map_download import staging_folder
@@ -88,7 +89,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             clock, hardware.camera, hardware.sonar, hardware.output, logged, make_localizer, store, options.device_id,
             hardware.apply, hardware.display, hardware.buttons, tap=tap, alive=notifier.alive,
             # The simulated world waits for a slow loop.
-            plans_load=not options.simulated,
+            plans_load=not options.simulated, locating=InLine if options.simulated else Beside,
         )  # fmt: skip
         walks = _map_walks(options, hardware, lambda order: agent.submit(order))
         stack.callback(walks.close)

@@ -9,7 +9,7 @@ level          what is left out
 ============== ==============================================================
 FULL           nothing
 FEWER_FEATURES part of each picture's features, while the place is known
-HALF_RATE      localization in every second frame as well: a sure pose is carried on from the two before
+HALF_RATE      a frame after each pose as well: a sure pose is carried on from the two before
 ============== ==============================================================
 
 Whatever is still too slow at the last level is counted, and is *Stop* when guidance grows stale (the watchdog).
@@ -61,11 +61,14 @@ class LoadPlan:
     """Calm cycles in a row that lead a level back."""
 
 
-def after_cycle(plan: LoadPlan, work_s: float, budget_s: float) -> LoadPlan:
-    """Return the plan after a cycle whose work, from the frame to its cue, took ``work_s`` of ``budget_s``."""
-    late = work_s > budget_s
+def after_cycle(plan: LoadPlan, work_s: float, budget_s: float, *, pose_late: bool = False) -> LoadPlan:
+    """Return the plan after a cycle whose work, from the frame to its cue, took ``work_s`` of ``budget_s``.
+
+    A cycle that went on without the pose of its frame is late, however soon its cue was there.
+    """
+    late = pose_late or work_s > budget_s
     late_count = plan.late_count + 1 if late else max(0, plan.late_count - 1)
-    calm_count = plan.calm_count + 1 if work_s <= CALM_FRACTION * budget_s else 0
+    calm_count = plan.calm_count + 1 if not late and work_s <= CALM_FRACTION * budget_s else 0
     index = _LEVELS.index(plan.level)
     if late_count >= LATE_COUNT:
         if index + 1 == len(_LEVELS):

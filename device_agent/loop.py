@@ -10,9 +10,10 @@ from dataclasses import dataclass, field, replace
 
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
+from device_agent.locating import Locator, Request
 from device_agent.motion import extended_trail
 from device_agent.mounting import expected_of, look_at_floor
-from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
+from device_agent.ports import Clock, DepthCamera, Sonar
 from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
 from device_agent.transitions import happen, mode_event
@@ -23,6 +24,7 @@ from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
 from navcore.errors import SensorError
 from navcore.follower.gate import current_reading, echo_distance_m
+from navcore.geometry import Transform
 from navcore.guide import guide
 from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
@@ -30,7 +32,8 @@ from navcore.obstacle.memory import remember, remember_heard, with_memory
 from navcore.obstacle.mounting import FloorFinder, find_floor
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
-from navcore.slam.dead_reckoning import carried_on
+from navcore.slam.dead_reckoning import carried_on, reckoned
+from navcore.slam.localizer import MAX_UNMATCHED_S
 from navcore.types import (
     Action,
     DecisionTrace,
@@ -51,7 +54,7 @@ class Ports:
     clock: Clock
     camera: DepthCamera
     sonar: Sonar
-    localizer: LocalizerPort
+    locator: Locator
     voice: Voice
     stale_s: Callable[[], float]
     """When the watchdog last found guidance stale."""
@@ -115,8 +118,9 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     if state.blind:
         effects.append(Happened("sensor", "The camera delivers again."))
     with times.stage("localize"):
-        state, located = _located(state, ports.localizer, frame)
-        pose = located.pose
+        state, place = _located(state, ports.locator, frame)
+        located, pose = place.located, place.located.pose
+        effects += _told_of_silence(state, located)
     sure = located.quality is LocalizationQuality.LOCALIZED
     state = replace(
         state, blind=False, trail=extended_trail(state.trail, frame.stamp_s, pose), located=located,
@@ -127,12 +131,12 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
         expected = expected_of(state.calibration, frame)
-        scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle, expected)
+        scan = ports.scan(frame.depth_m, intrinsics, place.level, settings.obstacle, expected)
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
         effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
-        state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
+        state, scan = _with_what_was_seen(state, scan, sonar, place, frame.stamp_s)
     with times.stage("guide"):
         decided = _decide(state, frame.stamp_s, located, scan, sonar)
         now_s, stale_s = ports.clock.now_s(), ports.stale_s()
@@ -144,36 +148,99 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
     with times.stage("cues"):
         cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state, arrived = _after(replace(state, guidance=guidance), now_s)
-    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms)
+    cycle = Cycle(frame.stamp_s, guidance, frame, located, scan, cues, times.stage_ms, pose_late=place.is_late)
     return state, cycle, (*effects, *planned, *found, *arrived)
 
 
-def _located(state: DeviceState, localizer: LocalizerPort, frame: Frame) -> tuple[DeviceState, Localization]:
-    """Return where the frame was taken; at half rate every second sure pose is carried on, and never two in a row."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Place:
+    """Where a frame was taken."""
+
+    located: Localization
+    is_own: bool = True
+    """The localizer has said so of this very frame; else it follows from the poses before."""
+    is_late: bool = False
+    """The localizer, which knows the place, was not in time."""
+
+    @property
+    def is_held(self) -> bool:
+        """The pose stands still while nobody knows how the walker moves on."""
+        return not self.is_own and self.located.quality is not LocalizationQuality.LOCALIZED
+
+    @property
+    def level(self) -> Transform | None:
+        """The pose that tells which way is up; a head that nods has left one that is held: the floor must tell."""
+        return None if self.is_held else self.located.world_from_camera
+
+
+def _located(state: DeviceState, locator: Locator, frame: Frame) -> tuple[DeviceState, _Place]:
+    """Return where the frame was taken: by itself, or by the poses before; one of them may have come only now."""
+    request = _request(state, frame)
+    answer = locator.locate(request)
+    came = tuple(each for each in (answer.late, answer.own) if each is not None)
+    state = replace(state, fixes=(*state.fixes, *came)[-2:])
+    if answer.own is not None:
+        return state, _Place(answer.own)
+    left_out = request.feature_fraction is None or (answer.late is not None and request.rests)
+    # Whoever looks for a lost place takes longer, and nobody walks meanwhile.
+    is_late = not left_out and not _is_lost(state)
+    located = reckoned(state.fixes, frame.stamp_s, state.settings.watchdog.guidance_timeout_s)
+    return state, _Place(located, is_own=False, is_late=is_late)
+
+
+def _request(state: DeviceState, frame: Frame) -> Request:
+    """Return what is asked of the localizer; at half rate one frame is left out after each pose that it has found.
+
+    So a sure pose is carried on, and never two in a row. Whoever has lost the place needs all that a picture shows to
+    find it again.
+    """
+    is_lost, half = _is_lost(state), state.load_level is LoadLevel.HALF_RATE
+    fraction: float | None = 1.0 if is_lost else state.load_level.feature_fraction
+    if half and _was_found(state) and carried_on(state.fixes[0], state.fixes[1], frame.stamp_s) is not None:
+        fraction = None
+    return Request(frame, fraction, half and _may_rest(state, frame), state.settings.deadlines.pose_wait_s)
+
+
+def _may_rest(state: DeviceState, frame: Frame) -> bool:
+    """Whether a frame can be left out after a late pose, and the next one's pose still be carried on, late as well."""
     last = state.located
-    was_found = last is not None and len(state.fixes) == 2 and last.stamp_s == state.fixes[-1].stamp_s
-    if state.load_level is LoadLevel.HALF_RATE and was_found:
-        before, found = state.fixes
-        carried = carried_on(before, found, frame.stamp_s)
-        if carried is not None:
-            return state, carried
-    # Whoever has lost the place needs all that a picture shows to find it again.
-    is_lost = last is None or last.quality is LocalizationQuality.LOST
-    localizer.use_features(1.0 if is_lost else state.load_level.feature_fraction)
-    located = localizer.locate(frame)
-    return replace(state, fixes=(*state.fixes[-1:], located)), located
+    return not _is_lost(state) and last is not None and 2.0 * (frame.stamp_s - last.stamp_s) <= MAX_UNMATCHED_S
+
+
+def _was_found(state: DeviceState) -> bool:
+    """Whether the localizer has found the last frame's pose, in time, and another one before."""
+    last = state.located
+    return last is not None and len(state.fixes) == 2 and last.stamp_s == state.fixes[-1].stamp_s
+
+
+def _is_lost(state: DeviceState) -> bool:
+    """Whether the localizer itself, as far as it has answered, does not know the place."""
+    return not state.fixes or state.fixes[-1].quality is LocalizationQuality.LOST
+
+
+def _told_of_silence(state: DeviceState, located: Localization) -> tuple[Effect, ...]:
+    """Tell once that the localizer says nothing; ``state`` is that before the frame, but for the newest poses."""
+    was_known = state.located is not None and state.located.quality is not LocalizationQuality.LOST
+    if not was_known or located.quality is not LocalizationQuality.LOST or _is_lost(state):
+        return ()
+    silent_s = located.stamp_s - state.fixes[-1].stamp_s
+    return (Happened("localization", f"Localization has not answered for {silent_s:.1f} s: the place is lost."),)
 
 
 def _with_what_was_seen(
-    state: DeviceState, scan: ObstacleScan, sonar: SonarReading | None, located: Localization, stamp_s: float
+    state: DeviceState, scan: ObstacleScan, sonar: SonarReading | None, place: _Place, stamp_s: float
 ) -> tuple[DeviceState, ObstacleScan]:
     """Add to a scan what is out of the image now, and where that will be which comes towards the walker.
 
-    Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since.
+    Where the pose is lost nobody knows where that is. An uncertain one still tells how the walker has moved since, but
+    not one that is only held: by it nothing is forgotten, and nothing put where it may not be.
     """
-    pose, settings = located.pose, state.settings
+    located, pose, settings = place.located, place.located.pose, state.settings
     if pose is None or located.quality is LocalizationQuality.LOST:
         return replace(state, recent_scans=()), scan
+    if place.is_held:
+        known = state.obstacles.and_also(state.heard)
+        return replace(state, recent_scans=()), with_memory(scan, known, pose, settings.obstacle)
     echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
     half_field_rad = math.radians(settings.gate.half_field_deg)
     looks_rad = 0.0 if sonar is None else sonar.bearing_rad

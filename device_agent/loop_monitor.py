@@ -54,13 +54,13 @@ class LoopMonitor:
             took_s.get("cues", 0.0), hand_off_s, age_s,
         )  # fmt: skip
         self.newest = times
-        self._statistics.note(times, deadlines)
+        self._statistics.note(times, deadlines, pose_late=cycle.pose_late)
         self._tell(cued_s)
         if not (self._plans and deadlines.do_less):
             self._plan = LoadPlan()
-        elif located.quality is not LocalizationQuality.LOST:
+        elif cycle.pose_late or located.quality is not LocalizationQuality.LOST:
             # Looking for a lost place takes longer than following it, and the walker stands meanwhile.
-            self._plan = after_cycle(self._plan, work_s, deadlines.work_s)
+            self._plan = after_cycle(self._plan, work_s, deadlines.work_s, pose_late=cycle.pose_late)
 
     def _tell(self, now_s: float) -> None:
         if now_s - self._summed_s >= _SUMMARY_EVERY_S:

@@ -43,12 +43,14 @@ class StageStatistics:
         self.cycle_count = 0
         """Cycles noted."""
 
-    def note(self, times: StageTimes, deadlines: DeadlineSettings) -> None:
-        """Take the times of a cycle."""
+    def note(self, times: StageTimes, deadlines: DeadlineSettings, *, pose_late: bool = False) -> None:
+        """Take the times of a cycle; with ``pose_late`` localization took longer than it was waited for."""
         taken_s = np.array([getattr(times, f"{stage}_s") for stage in STAGES])
         self._recent_ms[self.cycle_count % RECENT_COUNT] = 1000.0 * taken_s
         self._max_ms = np.maximum(self._max_ms, 1000.0 * taken_s)
-        self._missed += taken_s > [getattr(deadlines, f"{stage}_s") for stage in STAGES]
+        missed = taken_s > [getattr(deadlines, f"{stage}_s") for stage in STAGES]
+        missed[STAGES.index("localize")] |= pose_late
+        self._missed += missed
         self.cycle_count += 1
 
     def summaries(self) -> tuple[StageSummary, ...]:

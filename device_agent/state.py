@@ -108,7 +108,7 @@ class DeviceState:
     located: Localization | None = None
     """Where the last frame was taken; None without one, and off duty."""
     fixes: tuple[Localization, ...] = ()
-    """The last two poses that the localizer has found, oldest first: by them a pose is carried on at half rate."""
+    """The last two poses that the localizer has found, oldest first: by them a pose that is not there is carried on."""
     load_level: LoadLevel = LoadLevel.FULL
     """What is left out because the device is too slow."""
     sure: tuple[float, Pose2D] | None = None

@@ -239,7 +239,7 @@ class DeadlineSettings(_Group):
     capture_s: float = _setting(0.06, 0.02, 0.2, step=0.01, source="design")
     """Age of a frame when the loop takes it: exposure, driver, and waiting for the cycle before."""
     localize_s: float = _setting(0.045, 0.01, 0.3, step=0.005, source="design")
-    """Localization in one frame."""
+    """Localization in one frame. Guidance waits no longer for a pose, and less where the work's budget leaves less."""
     guide_s: float = _setting(0.015, 0.005, 0.1, step=0.005, source="design")
     """Planning, obstacle detection and guidance."""
     cue_s: float = _setting(0.005, 0.001, 0.05, step=0.001, source="design")
@@ -255,6 +255,11 @@ class DeadlineSettings(_Group):
     def work_s(self) -> float:
         """What the device's own work may take, from the frame to its cue."""
         return max(0.02, self.capture_to_cue_s - self.capture_s)
+
+    @property
+    def pose_wait_s(self) -> float:
+        """How long a cycle waits for the pose of its frame: what the others leave of its work's time, at the most."""
+        return max(0.01, min(self.localize_s, self.work_s - self.guide_s - self.cue_s))
 
 
 class Settings(BaseModel):

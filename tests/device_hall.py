@@ -14,7 +14,8 @@ from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
-from device_agent.ports import Button, ButtonPress, CueOutput, PressKind, Uplink
+from device_agent.locating import InLine, Locator
+from device_agent.ports import Button, ButtonPress, CueOutput, LocalizerPort, PressKind, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
 from navcore.calibration import Calibration
@@ -73,6 +74,8 @@ class Rig:
     tap: Tap = field(default_factory=Tap)
     timer_s: Callable[[], float] = time.perf_counter
     plans_load: bool = False
+    locating: Callable[[LocalizerPort], Locator] = InLine
+    frame_s: float = 0.1
     link: Uplink | None = None
     """Where events go instead of to the fake."""
     first_output: CueOutput | None = None
@@ -89,6 +92,7 @@ class Rig:
             self.link or self.uplink,
             lambda site, intrinsics, settings: FakeLocalizer(self.locate), self.store, buttons=self.buttons,
             timer_s=self.timer_s, plans_load=self.plans_load, tap=self.tap,
+            locating=self.locating,
         )  # fmt: skip
         state = DeviceState(Settings(), GRAPH, "hall-site", "old-map", calibration=self.calibration)
         self.agent = DeviceAgent(parts, state, self.localizer)
@@ -97,7 +101,7 @@ class Rig:
         while True:
             shown = self.pose or pose_at(0.0)
             colour = np.zeros((INTRINSICS.height_px, INTRINSICS.width_px, 3), np.uint8)
-            yield self.spoil(Frame(self.clock.now_s() + 0.1, colour, empty_hall(shown)))
+            yield self.spoil(Frame(self.clock.now_s() + self.frame_s, colour, empty_hall(shown)))
 
     def locate(self, frame: Frame) -> Localization:
         if self.locate_error is not None:

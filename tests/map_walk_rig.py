@@ -111,6 +111,7 @@ class MapRig:
         before = len(self.output.cues)
         self._to_show.append(frame)
         self.agent.run_cycle()
+        self.agent.settle()
         self.agent.watchdog.check()
         return self.output.cues[before:]
 

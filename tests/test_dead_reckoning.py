@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navcore.geometry import Transform, world_from_camera_at
-from navcore.slam.dead_reckoning import MAX_STEP_S, carried_on
+from navcore.slam.dead_reckoning import MAX_STEP_S, carried_on, reckoned
 from navcore.slam.localizer import MAX_UNMATCHED_S
 from navcore.types import Localization, LocalizationQuality
 
@@ -77,3 +77,50 @@ def test_the_poses_that_it_is_given_stay_as_they_are() -> None:
     assert kept is not None
     assert last.world_from_camera is not None
     np.testing.assert_array_equal(last.world_from_camera.matrix, kept.matrix)
+
+
+# ------------------------------------------------------------------------------------------- without an answer
+HELD_S = 0.5
+
+
+@settings(deadline=None)
+@given(st.floats(0.0, 1.2), st.floats(-1.0, 1.0))
+def test_the_longer_without_an_answer_the_less_is_known(v_m_s: float, turn_rad_s: float) -> None:
+    found = (at(10.0), at(10.1, 0.1 * v_m_s, 0.1 * turn_rad_s))
+    poses = [reckoned(found, 10.1 + 0.01 * number, HELD_S) for number in range(1, 70)]
+    order = [SURE, LocalizationQuality.UNCERTAIN, LocalizationQuality.LOST]
+    ranks = [order.index(pose.quality) for pose in poses]
+    assert ranks == sorted(ranks)
+    assert [ranks.count(rank) for rank in (0, 1)] == [pytest.approx(15, abs=1), pytest.approx(35, abs=1)]
+    known = [pose for pose in poses if pose.covariance is not None]
+    assert all(pose.inlier_count == 0 for pose in known)
+    spreads = [float(np.trace(pose.covariance)) for pose in known if pose.covariance is not None]
+    assert np.all(np.diff(spreads) > 0)
+    places = [pose.world_from_camera.translation for pose in known if pose.world_from_camera is not None]
+    assert len(places) == len(known)
+    assert np.max(np.linalg.norm(np.diff(places, axis=0), axis=1), initial=0.0) <= 0.0101 * v_m_s + 1e-6
+    lost = poses[-1]
+    assert (lost.quality, lost.world_from_camera, lost.covariance) == (LocalizationQuality.LOST, None, None)
+
+
+@pytest.mark.parametrize(
+    ("found", "stamp_s"),
+    [
+        ((), 10.0),
+        ((Localization(10.0, LocalizationQuality.LOST, None),), 10.1),
+        ((at(10.0), Localization(10.1, LocalizationQuality.LOST, None)), 10.15),
+        ((at(10.0), replace(at(10.1), covariance=None)), 10.15),
+        ((at(10.0), at(10.1)), 10.05),
+        ((at(10.0), at(10.1)), 10.1 + HELD_S + 0.01),
+    ],
+)
+def test_without_a_pose_before_nothing_is_known(found: tuple[Localization, ...], stamp_s: float) -> None:
+    reckoning = reckoned(found, stamp_s, HELD_S)
+    assert (reckoning.quality, reckoning.stamp_s) == (LocalizationQuality.LOST, stamp_s)
+
+
+def test_a_single_or_an_uncertain_pose_is_held_and_never_sure() -> None:
+    for found in ((at(10.1),), (at(10.0), at(10.1, 0.08, quality=LocalizationQuality.UNCERTAIN))):
+        held = reckoned(found, 10.15, HELD_S)
+        assert held.quality is LocalizationQuality.UNCERTAIN
+        assert held.world_from_camera is found[-1].world_from_camera

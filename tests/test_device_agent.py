@@ -14,6 +14,7 @@ from device_agent.adapters.clocks import FakeClock
 from device_agent.adapters.fakes import FakeLocalizer, FakeOutput, FakeUplink, NoSonar
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.device_store import DeviceStore
+from device_agent.locating import InLine
 from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
@@ -185,6 +186,7 @@ def test_a_graph_waits_until_the_walker_stops_and_is_kept(tmp_path: Path, small_
     rig.agent.submit(ClearDestination())
     rig.cycles(2)
     assert rig.messages(GraphRunning) == [GraphRunning(9)]
+    rig.agent.settle()
     assert load_poi_graph(tmp_path / "site") == graph
 
 
@@ -201,6 +203,7 @@ def test_a_map_waits_until_the_walker_stops_and_moves_into_place(tmp_path: Path,
     rig.agent.submit(ClearDestination())
     rig.cycles(2)
     assert rig.messages(MapRunning)[1:] == [MapRunning(checksum)]
+    rig.agent.settle()
     assert load_site(tmp_path / "site").name == "A newer map"
     assert rig.agent.hello().map_checksum == checksum
 
@@ -264,7 +267,7 @@ def test_a_decision_that_took_too_long_is_a_stop(rig: Rig) -> None:
         rig.clock.sleep_until(rig.clock.now_s() + 0.8)
         return slow_locate(frame)
 
-    rig.agent._localizer = FakeLocalizer(locate)
+    rig.agent._locator = InLine(FakeLocalizer(locate))
     cycle = rig.cycles(1)[0]
     assert (cycle.guidance.action, cycle.guidance.reason) == (Action.STOP, Reason.SENSOR_STALE)
     assert "too old" in cycle.guidance.trace.rule
@@ -280,9 +283,9 @@ def test_stop_is_said_once_by_watchdog_and_loop_together(rig: Rig) -> None:
         rig.agent.watchdog.check()
         return locate(frame)
 
-    rig.agent._localizer = FakeLocalizer(slowly)
+    rig.agent._locator = InLine(FakeLocalizer(slowly))
     rig.cycles(1)
-    rig.agent._localizer = FakeLocalizer(locate)
+    rig.agent._locator = InLine(FakeLocalizer(locate))
     rig.cycles(15)
     instructions = (CueKind.STOP, CueKind.TURN, CueKind.WALK)
     assert [kind for kind in rig.heard[heard:] if kind in instructions] == [CueKind.STOP, CueKind.WALK]
@@ -439,7 +442,7 @@ def test_after_the_watchdogs_stop_within_a_cycle_nobody_is_sent_on_in_the_same_c
             rig.agent.watchdog.check()
         return locate(frame)
 
-    rig.agent._localizer = FakeLocalizer(hang)
+    rig.agent._locator = InLine(FakeLocalizer(hang))
     before = len(rig.output.cues)
     cycle = rig.cycles(1)[0]
     assert rig.heard[before] is CueKind.STOP
@@ -459,9 +462,10 @@ def test_the_end_of_the_loop_is_a_stop_for_whoever_is_being_led(rig: Rig) -> Non
 def test_no_way_begins_at_a_place_that_is_not_sure(rig: Rig) -> None:
     sure = rig.locate
 
-    rig.agent._localizer = FakeLocalizer(lambda frame: replace(sure(frame), quality=LocalizationQuality.UNCERTAIN))
+    uncertain = InLine(FakeLocalizer(lambda frame: replace(sure(frame), quality=LocalizationQuality.UNCERTAIN)))
+    rig.agent._locator = uncertain
     cycle = rig.lead_to()
     assert (cycle.guidance.action, cycle.guidance.reason) == (Action.STOP, Reason.POSE_LOST)
     assert rig.agent.state.route is None
-    rig.agent._localizer = FakeLocalizer(sure)
+    rig.agent._locator = InLine(FakeLocalizer(sure))
     assert rig.cycles(6)[-1].guidance.action is Action.WALK

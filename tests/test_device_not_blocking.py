@@ -17,8 +17,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 import pytest
-from device_hall import Rig, pose_at
+from device_hall import GRAPH, INTRINSICS, Rig, pose_at
 from test_recorder import assert_replays, numbers
 
 from device_agent.adapters.clocks import SystemClock
@@ -26,6 +27,7 @@ from device_agent.adapters.fakes import FakeOutput
 from device_agent.adapters.outputs import TextOutput
 from device_agent.adapters.sound_device import SoundDeviceOutput
 from device_agent.adapters.waiting_cues import MAX_WAITING_CUES, ThreadedOutput, WaitingCues
+from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
@@ -35,10 +37,13 @@ from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import MAX_WAITING_PICTURES, WalkRecorder
 from device_agent.recording.walk_files import WalkFiles, parts_in
 from device_agent.speech import Speech
+from device_agent.state import PreparedMap
 from navcore.cues.synthesis import stop_cue
 from navcore.cues.table import Cue, CueKind
+from navcore.planning.poi_graph import PoiGraph
+from navcore.site import Site
 from navcore.types import Action, Reason
-from navcore.wire import Pause, Resume
+from navcore.wire import Pause, PublishGraph, Resume
 
 LONG_S = 30.0
 CYCLES = 60
@@ -50,7 +55,7 @@ def stack() -> Iterator[ExitStack]:
         yield stack
 
 
-def run_off_thread(work: Callable[[], None]) -> None:
+def run_off_thread(work: Callable[[], object]) -> None:
     """Run what must not wait for anybody; where it does, the test fails instead of hanging."""
     failures: list[BaseException] = []
 
@@ -205,6 +210,41 @@ def test_a_disk_that_hangs_drops_pictures_and_no_event(tmp_path: Path, stack: Ex
     orders = [order.kind for each in RecordedPart(path).cycles() for order in each.notes.orders]
     assert orders == ["SetDestination", "Pause", "Resume"]
     assert_replays(path)
+
+
+def test_a_disk_that_hangs_while_a_map_is_put_in_place(tmp_path: Path, stack: ExitStack) -> None:
+    """The next walk begins meanwhile; the graph that belongs to the map is written after it."""
+    may_write, hangs, done = threading.Event(), threading.Event(), []
+    stack.callback(may_write.set)
+
+    class HangingStore(DeviceStore):
+        """A store whose disk takes its time."""
+
+        def swap_map(self, staging: Path) -> None:
+            """Hang."""
+            hangs.set()
+            assert may_write.wait(LONG_S)
+            done.append("map")
+
+        def save_graph(self, graph: PoiGraph) -> None:
+            """Come after it."""
+            done.append("graph")
+
+    rig = Rig(HangingStore(tmp_path / "state", tmp_path / "site"))
+    rig.cycles(3)
+    empty = np.zeros((0, 3))
+    site = Site("new", "New", INTRINSICS, {}, (), empty.astype(np.float32), empty.astype(np.uint8), GRAPH)
+    rig.agent.submit(PreparedMap(tmp_path / "staging", "new-map", site, rig.localizer))
+    rig.agent.submit(PublishGraph(PoiGraph(9, GRAPH.pois, GRAPH.edges)))
+    run_off_thread(lambda: rig.cycles(1))
+    assert hangs.wait(LONG_S)
+    assert rig.agent.state.map_checksum == "new-map"
+    run_off_thread(lambda: rig.lead_to())
+    assert set(walk_on(rig)) == {Action.WALK}
+    assert done == []
+    may_write.set()
+    rig.agent.settle()
+    assert done == ["map", "graph"]
 
 
 # ----------------------------------------------------------------------------------------------- journal and link

@@ -115,7 +115,7 @@ def seeing_rig() -> tuple[Rig, FakeDisplay]:
     with_display = type(parts)(
         **{name: getattr(parts, name) for name in parts.__dataclass_fields__ if name != "display"}, display=display
     )
-    rig.agent = DeviceAgent(with_display, rig.agent.state, rig.agent._localizer)
+    rig.agent = DeviceAgent(with_display, rig.agent.state, rig.localizer)
     return rig, display
 
 

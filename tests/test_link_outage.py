@@ -366,6 +366,7 @@ def test_the_consoles_map_is_fetched_while_somebody_walks_taken_when_they_stop_a
     assert load_site(own).name == "Older"
     rig.agent.submit(ClearDestination())
     walk_until(lambda device: device.map_checksum == offered and not device.map_waiting)
+    rig.agent.settle()
     assert map_checksum(own) == offered
     walk_until(lambda device: device.graph_version == ends.console.services.model.published.version)
     link.stop()

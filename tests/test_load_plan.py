@@ -32,6 +32,16 @@ def test_nothing_is_left_out_by_a_device_that_is_in_time() -> None:
     assert after(LoadPlan(), BUDGET_S, 1000).level is LoadLevel.FULL
 
 
+def test_a_pose_that_is_late_counts_as_a_late_cycle_and_never_as_a_calm_one() -> None:
+    plan = LoadPlan()
+    for _ in range(LATE_COUNT):
+        plan = after_cycle(plan, 0.0, BUDGET_S, pose_late=True)
+    assert plan.level is LoadLevel.FEWER_FEATURES
+    calm = after(plan, 0.0, plan.calm_wanted_count - 1)
+    assert after_cycle(calm, 0.0, BUDGET_S, pose_late=True).level is LoadLevel.FEWER_FEATURES
+    assert after_cycle(calm, 0.0, BUDGET_S).level is LoadLevel.FULL
+
+
 def test_a_single_late_cycle_now_and_then_changes_nothing() -> None:
     plan = LoadPlan()
     for _ in range(200):

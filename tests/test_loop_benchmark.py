@@ -42,6 +42,7 @@ def test_frames_come_back_and_forth_as_they_were(recording: tuple[Path, list[Fra
     for number, index in enumerate((0, 1, 2, 3, 2, 1, 0, 1)):
         given = camera.read()
         assert given.stamp_s == pytest.approx(100.1 + 0.1 * number)
+        assert camera.index_at(given.stamp_s) == index
         np.testing.assert_array_equal(given.colour_rgb, frames[index].colour_rgb)
         np.testing.assert_allclose(given.depth_m, frames[index].depth_m, atol=0.0006)
     camera.close()

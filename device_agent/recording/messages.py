@@ -47,6 +47,8 @@ class StageTimesMessage(msgspec.Struct, frozen=True):
     """What was left out because the device was too slow."""
     pictures_dropped: int = 0
     """Frames since recording began whose pictures were not kept, because the disk was behind."""
+    pose_late: bool = False
+    """Guidance went on without the pose of its frame: localization was not in time."""
 
     @staticmethod
     def of(cycle: Cycle, level: LoadLevel, pictures_dropped: int) -> StageTimesMessage:
@@ -54,8 +56,9 @@ class StageTimesMessage(msgspec.Struct, frozen=True):
         known = {f"{stage}_ms": took_ms for stage, took_ms in cycle.stage_ms.items()}
         known = {name: took_ms for name, took_ms in known.items() if name in StageTimesMessage.__struct_fields__}
         return StageTimesMessage(
-            cycle.stamp_s, **known, fault=cycle.fault, load_level=level.value, pictures_dropped=pictures_dropped
-        )
+            cycle.stamp_s, **known, fault=cycle.fault, load_level=level.value, pictures_dropped=pictures_dropped,
+            pose_late=cycle.pose_late,
+        )  # fmt: skip
 
 
 class SettingsMessage(msgspec.Struct, frozen=True):

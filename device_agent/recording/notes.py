@@ -8,8 +8,9 @@ from dataclasses import dataclass, field
 import msgspec
 
 from device_agent.load_plan import LoadLevel
+from device_agent.locating import Answer, Locator, Request
 from device_agent.orders import Lead, Order
-from device_agent.ports import ButtonPress, Clock, CueOutput, DepthCamera, LocalizerPort, Sonar
+from device_agent.ports import ButtonPress, Clock, CueOutput, DepthCamera, Sonar
 from device_agent.state import DeviceState, MapWalkTold, PreparedMap
 from device_agent.voice import VoiceMemory
 from navcore import wire
@@ -132,6 +133,7 @@ class CycleNotes(msgspec.Struct, frozen=True):
     frame: FrameNotes | None
     camera_error: Raised | None
     localization: Localization | None
+    """The pose of the frame; None where it was not there in time, or the frame was left out."""
     localization_error: Raised | None
     scan: ObstacleScan | None
     """The scan of the image alone, before what is remembered joins it."""
@@ -150,6 +152,8 @@ class CycleNotes(msgspec.Struct, frozen=True):
     floor: Levelling | None = None
     """The floor that was seen; None where none was, or nobody looked."""
     floor_error: Raised | None = None
+    late_localization: Localization | None = None
+    """The pose of an earlier frame, which came only in this cycle."""
 
 
 class Opening(msgspec.Struct, frozen=True):
@@ -181,6 +185,7 @@ class Notepad:
     """Its pictures, where they are to be kept."""
     camera_error: Raised | None = None
     localization: Localization | None = None
+    late_localization: Localization | None = None
     localization_error: Raised | None = None
     scan: ObstacleScan | None = None
     scan_error: Raised | None = None
@@ -201,6 +206,7 @@ class Notepad:
             tuple(self.play_errors), guidance, tuple(self.cues), pictures,
             self.load_level,
             self.floor, self.floor_error,
+            self.late_localization,
         )  # fmt: skip
 
 
@@ -248,29 +254,29 @@ class NotingCamera:
         self._camera.close()
 
 
-class NotingLocalizer:
-    """A localizer of which each pose is noted."""
+class NotingLocator:
+    """A locator of which each pose is noted in the cycle in which it came."""
 
-    def __init__(self, localizer: LocalizerPort, pad: Callable[[], Notepad]) -> None:
-        self._localizer, self._pad = localizer, pad
+    def __init__(self, locator: Locator, pad: Callable[[], Notepad]) -> None:
+        self._locator, self._pad = locator, pad
 
-    def locate(self, frame: Frame) -> Localization:
-        """Return the pose of one frame."""
+    def locate(self, request: Request) -> Answer:
+        """Return what there is; what is asked for follows from the level, which is noted."""
         try:
-            located = self._localizer.locate(frame)
+            answer = self._locator.locate(request)
         except Exception as error:
             self._pad().localization_error = Raised.of(error)
             raise
-        self._pad().localization = located
-        return located
-
-    def use_features(self, fraction: float) -> None:
-        """Pass it on: it follows from the level, which is noted."""
-        self._localizer.use_features(fraction)
+        self._pad().localization, self._pad().late_localization = answer.own, answer.late
+        return answer
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on."""
-        self._localizer.apply(settings)
+        self._locator.apply(settings)
+
+    def close(self) -> None:
+        """Nothing is asked any more."""
+        self._locator.close()
 
 
 class NotingSonar:

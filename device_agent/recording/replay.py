@@ -21,6 +21,7 @@ from device_agent.adapters.fakes import FakeOutput, NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
+from device_agent.locating import Answer, Locator, Request
 from device_agent.loop import Ports
 from device_agent.orders import Order
 from device_agent.ports import Clock, CueOutput, LocalizerPort
@@ -198,7 +199,8 @@ class _Run:
         cycle = self._agent.run_cycle()
         cues = tuple(self._tap.cues)
         pairs = {
-            "localization": (self._tap.located, notes.localization), "scan": (self._tap.seen, notes.scan),
+            "localization": (self._tap.located, (notes.late_localization, notes.localization)),
+            "scan": (self._tap.seen, notes.scan),
             "guidance": (cycle.guidance, notes.guidance), "cues": (cues, notes.cues),
         }  # fmt: skip
         differs_in = tuple(name for name, (now, then) in pairs.items() if not exact.same(now, then))
@@ -250,15 +252,17 @@ class _ReplayTap(Tap):
         self._last_now_s, self._last_stale_s, self._last_stop_count = 0.0, -np.inf, 0
         self.recorded: RecordedCycle | None = None
         self.cues: list[Cue] = []
-        self.located: Localization | None = None
-        """The pose of this cycle's frame."""
+        self.located: tuple[Localization | None, Localization | None] = (None, None)
+        """The pose of an earlier frame that came late, and that of this cycle's."""
+        self.late: _Found | None = None
+        """What the pictures show of a frame whose pose has not come yet."""
         self.seen: ObstacleScan | None = None
         """The scan of this cycle's image."""
 
     def load(self, recorded: RecordedCycle) -> None:
         """Make ready for a cycle."""
         notes = recorded.notes
-        self.recorded, self.cues, self.located, self.seen = recorded, [], None, None
+        self.recorded, self.cues, self.located, self.seen = recorded, [], (None, None), None
         self._now_s, self._stale_s, self._stop_counts = iter(notes.now_s), iter(notes.stale_s), iter(notes.stop_counts)
 
     @property
@@ -323,8 +327,8 @@ class _ReplayTap(Tap):
                 self.seen = _given(self.notes.scan, self.notes.scan_error)
             return self.seen
 
-        localizer = _ReplayedLocalizer(self, ports.localizer)
-        return replace(ports, localizer=localizer, scan=seen, floor=floor, stale_s=self.stale_s)
+        locator = _ReplayedLocator(self, ports.locator)
+        return replace(ports, locator=locator, scan=seen, floor=floor, stale_s=self.stale_s)
 
 
 def _given(value: T | None, error: Raised | None) -> T:
@@ -377,26 +381,69 @@ class _ReplayedSonar:
         """Nothing is open."""
 
 
-class _ReplayedLocalizer:
-    def __init__(self, tap: _ReplayTap, localizer: LocalizerPort) -> None:
-        self._tap, self._localizer = tap, localizer
+@dataclass(frozen=True, slots=True, eq=False)
+class _Found:
+    """What the pictures of one frame show."""
 
-    def locate(self, frame: Frame) -> Localization:
-        """Return the pose of then, or the one that the pictures show; raise what was raised."""
+    pose: Localization | None = None
+    error: Exception | None = None
+
+    def taken(self) -> Localization | None:
+        """Return the pose; raise what was raised."""
+        if self.error is not None:
+            raise self.error
+        return self.pose
+
+
+class _ReplayedLocator:
+    """Gives each pose in the cycle in which it came then."""
+
+    def __init__(self, tap: _ReplayTap, locator: Locator) -> None:
+        self._tap, self._locator = tap, locator
+
+    def locate(self, request: Request) -> Answer:
+        """Return the poses of then, or those that the pictures show; raise what was raised."""
+        answer = self._from_pictures(request) if self._tap.from_pictures else self._as_noted()
+        self._tap.located = answer.late, answer.own
+        return answer
+
+    def _as_noted(self) -> Answer:
         notes = self._tap.notes
-        if self._tap.from_pictures:
-            self._tap.located = self._localizer.locate(frame)
-        else:
-            self._tap.located = _given(notes.localization, notes.localization_error)
-        return self._tap.located
+        if notes.localization_error is not None:
+            raise notes.localization_error.error()
+        return Answer(notes.localization, notes.late_localization)
 
-    def use_features(self, fraction: float) -> None:
-        """Pass it on: it follows from the level of then."""
-        self._localizer.use_features(fraction)
+    def _from_pictures(self, request: Request) -> Answer:
+        """Locate the frames that were located then: one is worked on at a time, until its pose has come."""
+        notes, late = self._tap.notes, None
+        if (waiting := self._tap.late) is not None:
+            if notes.late_localization is None and notes.localization_error is None:
+                return Answer()
+            self._tap.late = None
+            late = waiting.taken()
+            if request.rests:
+                return Answer(late=late)
+        if request.feature_fraction is None:
+            return Answer(late=late)
+        found = self._found(request)
+        if notes.localization is None and notes.localization_error is None:
+            self._tap.late = found
+            return Answer(late=late)
+        return Answer(found.taken(), late)
+
+    def _found(self, request: Request) -> _Found:
+        try:
+            return _Found(self._locator.locate(request).own)
+        except Exception as error:
+            return _Found(error=error)
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from the next frame on."""
-        self._localizer.apply(settings)
+        self._locator.apply(settings)
+
+    def close(self) -> None:
+        """Nothing is asked any more."""
+        self._locator.close()
 
 
 class _ReplayedOutput:

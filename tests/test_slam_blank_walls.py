@@ -169,6 +169,8 @@ def _placed(slam_map: SlamMap, depth_m: np.ndarray, camera_from_world: np.ndarra
         np.zeros(2, np.int32), 1,
     )  # fmt: skip
     before = Track(0.0, nothing, camera_from_world, np.zeros(0, np.int32), np.zeros((6, 6)))
-    placed = DepthAid(slam_map).place(DepthView(CAMERA, depth_m), before, before, before, expected, is_pace_known=True)
+    shared = np.zeros((6, 6))
+    seen = DepthView(CAMERA, depth_m)
+    placed = DepthAid(slam_map).place(seen, before, before, before, expected, shared, is_pace_known=True)
     assert placed is not None
     return placed

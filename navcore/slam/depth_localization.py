@@ -3,6 +3,8 @@
 Between blank walls the pose goes on by odometry or, where nothing can be followed either, by the motion model. Surfaces
 of the map take away its drift along the directions that they fix. What they leave open goes on drifting, and the
 covariance shows it: a long ellipse along the corridor. Such a pose counts as seen on the map only when nothing is open.
+Where no key frame's surfaces are those in view, or some of them are elsewhere now, the floor is left
+(:mod:`navcore.slam.floor_anchor`): odometry drifts along it, and not out of it.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from navcore.slam.depth_tracking import (
     carry,
     nearest_view,
 )
+from navcore.slam.floor_anchor import FloorAnchor
+from navcore.slam.lie import inverse_se3
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_factor import PoseFactor, factor_error, fused
 from navcore.slam.pose_uncertainty import drifted
@@ -68,6 +72,7 @@ class DepthAid:
         self._map = slam_map
         self._usable: BoolArray = np.asarray(slam_map.keyframe_depth.any(axis=(1, 2)))
         self._model: tuple[int, DepthModel] | None = None
+        self._floor = FloorAnchor(slam_map)
         self._has_grey: BoolArray = np.asarray(slam_map.keyframe_grey.any(axis=(1, 2)))
 
     def place(
@@ -76,14 +81,17 @@ class DepthAid:
         before: Track,
         followed: Track | None,
         predicted: Track,
-        relative_covariance: FloatArray,
+        covariance: FloatArray,
+        shared_covariance: FloatArray,
         is_pace_known: bool,
     ) -> DepthPlace | None:
         """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
 
-        ``before`` is the frame before, with its covariance (6, 6) relative to the map; ``followed`` is where odometry
-        has this one, ``predicted`` where the motion model has it, which knows the walker's pace or not.
+        ``before`` is the frame before, with its covariance (6, 6) and the part of it that the map's error is;
+        ``followed`` is where odometry has this one, ``predicted`` where the motion model has it, which knows the
+        walker's pace or not.
         """
+        relative_covariance = covariance - shared_covariance
         near = predicted if followed is None else followed
         step_s = near.stamp_s - before.stamp_s
         found = self.carried(seen, near.camera_from_world, step_s)
@@ -93,19 +101,20 @@ class DepthAid:
             near, is_unguided = predicted, True
             found = self.carried(seen, near.camera_from_world, step_s)
         if found is None:
-            return None
+            return self._on_floor(seen, before, followed, relative_covariance, shared_covariance)
         expected = drifted(relative_covariance, before, near)
         if is_unguided:
             expected = _unguided(expected, step_s, MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S)
         prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
         said = found.alignment.factor(self._map.camera_from_world[found.reference])
         if _surprise(prior, said) > MAX_SURPRISE:
-            return None
+            return self._on_floor(seen, before, followed, relative_covariance, shared_covariance)
         both = fused(prior, said)
-        alignment, relative = found.alignment, covariance_in_world(both.camera_from_world, both.information)
+        alignment, relative = found.alignment, _covariance_of(both)
         if alignment.contradicted > SURE_CONTRADICTED:
             # Surfaces of which some are elsewhere now may belong to a person, or to furniture that was moved.
-            relative = expected
+            floor = self._floor.factor(seen.model, near.camera_from_world, expected)
+            relative = expected if floor is None else _covariance_of(fused(prior, floor))
         if is_unguided and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
         is_sure = (
@@ -114,6 +123,26 @@ class DepthAid:
         # Surfaces tell the pose relative to a key frame, and where that is the map knows only so well.
         shared = self._map.keyframe_covariance[found.reference] + _SURFACE_COVARIANCE
         return DepthPlace(_moved(near, both), relative + shared, shared, is_sure)
+
+    def _on_floor(
+        self,
+        seen: DepthView,
+        before: Track,
+        followed: Track | None,
+        relative_covariance: FloatArray,
+        shared_covariance: FloatArray,
+    ) -> DepthPlace | None:
+        """Return where odometry has a frame, as high and as tilted as the floor says; None without either."""
+        if followed is None:
+            return None
+        expected = drifted(relative_covariance, before, followed)
+        floor = self._floor.factor(seen.model, followed.camera_from_world, expected)
+        if floor is None:
+            return None
+        prior = PoseFactor(followed.camera_from_world, _information(expected, followed.camera_from_world))
+        both = fused(prior, floor)
+        held = _with_its_points(followed, both)
+        return DepthPlace(held, _covariance_of(both) + shared_covariance, shared_covariance, is_sure=False)
 
     def carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
         """Return what the surfaces of the nearest key frame say of a frame near a first guess (4, 4)."""
@@ -144,6 +173,10 @@ def _information(covariance: FloatArray, camera_from_world: FloatArray) -> Float
     return np.asarray(world_from_twist.T @ np.linalg.inv(covariance) @ world_from_twist)
 
 
+def _covariance_of(factor: PoseFactor) -> FloatArray:
+    return covariance_in_world(factor.camera_from_world, factor.information)
+
+
 def _surprise(prior: PoseFactor, said: PoseFactor) -> float:
     """Return the squared Mahalanobis distance between two poses, along the directions of which both know something."""
     error = factor_error(said.camera_from_world, prior.camera_from_world)
@@ -159,3 +192,14 @@ def _moved(track: Track, known: PoseFactor) -> Track:
     shift_m = float(np.linalg.norm(factor_error(known.camera_from_world, track.camera_from_world)[:3]))
     kept = track.carried_points if shift_m <= KEPT_POINTS_M else None
     return replace(track, camera_from_world=known.camera_from_world, information=known.information, carried_points=kept)
+
+
+def _with_its_points(track: Track, known: PoseFactor) -> Track:
+    """Return a frame at a better pose; the points that it carries move with it, so that odometry does not lead back."""
+    points = track.carried_points
+    if points is not None:
+        step = inverse_se3(known.camera_from_world) @ track.camera_from_world
+        points = points @ step[:3, :3].T + step[:3, 3]
+    return replace(
+        track, camera_from_world=known.camera_from_world, information=known.information, carried_points=points
+    )

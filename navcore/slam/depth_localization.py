@@ -26,9 +26,8 @@ from navcore.slam.depth_tracking import (
 )
 from navcore.slam.floor_anchor import FloorAnchor
 from navcore.slam.lie import inverse_se3
-from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_factor import PoseFactor, factor_error, fused
-from navcore.slam.pose_uncertainty import drifted
+from navcore.slam.pose_uncertainty import covariance_of, drifted
 from navcore.slam.self_similarity import is_sparse
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import Track
@@ -37,6 +36,8 @@ SURE_OVERLAP = 0.4
 """Share of a key frame's surfaces that must be seen again for the map to count as seen."""
 SURE_CONTRADICTED = 0.12
 """Share of what both views see that may disagree then."""
+DISAGREEING_M = 0.15
+"""Landmarks are not believed where surfaces see the camera farther away than this."""
 MAX_SURPRISE = 25.0
 """Squared Mahalanobis distance between what was expected and what the surfaces say, beyond which they are not
 believed: 99.9 % of the χ² distribution with six degrees of freedom is 22.5."""
@@ -110,19 +111,16 @@ class DepthAid:
         if _surprise(prior, said) > MAX_SURPRISE:
             return self._on_floor(seen, before, followed, relative_covariance, shared_covariance)
         both = fused(prior, said)
-        alignment, relative = found.alignment, _covariance_of(both)
+        alignment, relative = found.alignment, covariance_of(both)
         if alignment.contradicted > SURE_CONTRADICTED:
             # Surfaces of which some are elsewhere now may belong to a person, or to furniture that was moved.
             floor = self._floor.factor(seen.model, near.camera_from_world, expected)
-            relative = expected if floor is None else _covariance_of(fused(prior, floor))
+            relative = expected if floor is None else covariance_of(fused(prior, floor))
         if is_unguided and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
-        is_sure = (
-            found.is_complete and alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
-        )
         # Surfaces tell the pose relative to a key frame, and where that is the map knows only so well.
         shared = self._map.keyframe_covariance[found.reference] + _SURFACE_COVARIANCE
-        return DepthPlace(_moved(near, both), relative + shared, shared, is_sure)
+        return DepthPlace(_moved(near, both), relative + shared, shared, _is_sure(found))
 
     def _on_floor(
         self,
@@ -142,7 +140,12 @@ class DepthAid:
         prior = PoseFactor(followed.camera_from_world, _information(expected, followed.camera_from_world))
         both = fused(prior, floor)
         held = _with_its_points(followed, both)
-        return DepthPlace(held, _covariance_of(both) + shared_covariance, shared_covariance, is_sure=False)
+        return DepthPlace(held, covariance_of(both) + shared_covariance, shared_covariance, is_sure=False)
+
+    def agrees(self, seen: DepthView, camera_from_world: FloatArray) -> bool:
+        """Tell whether surfaces of the map fix all of a frame's pose (4, 4), and put it where it is."""
+        found = self.carried(seen, camera_from_world, 0.0)
+        return found is not None and _is_sure(found) and not is_elsewhere(found, camera_from_world)
 
     def carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
         """Return what the surfaces of the nearest key frame say of a frame near a first guess (4, 4)."""
@@ -153,6 +156,18 @@ class DepthAid:
             self._model = reference, model_of_grid(self._map.keyframe_depth[reference], self._map.camera)
         grey = self._map.keyframe_grey[reference] if self._has_grey[reference] else None
         return carry(reference, self._model[1], self._map.camera_from_world[reference], seen, guess, step_s, grey)
+
+
+def is_elsewhere(found: Carried, camera_from_world: FloatArray) -> bool:
+    """Tell whether surfaces put a frame far from a pose (4, 4)."""
+    shift = factor_error(found.factor.camera_from_world, camera_from_world)[:3]
+    return float(np.linalg.norm(shift)) >= DISAGREEING_M
+
+
+def _is_sure(found: Carried) -> bool:
+    alignment = found.alignment
+    is_seen = alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
+    return found.is_complete and is_seen
 
 
 def _unguided(covariance: FloatArray, step_s: float, sigma_m_s: float) -> FloatArray:
@@ -171,10 +186,6 @@ def _information(covariance: FloatArray, camera_from_world: FloatArray) -> Float
     world_from_twist = np.zeros((6, 6))
     world_from_twist[:3, :3] = world_from_twist[3:, 3:] = -camera_from_world[:3, :3].T
     return np.asarray(world_from_twist.T @ np.linalg.inv(covariance) @ world_from_twist)
-
-
-def _covariance_of(factor: PoseFactor) -> FloatArray:
-    return covariance_in_world(factor.camera_from_world, factor.information)
 
 
 def _surprise(prior: PoseFactor, said: PoseFactor) -> float:

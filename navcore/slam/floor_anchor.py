@@ -97,7 +97,8 @@ class FloorAnchor:
         spread = own + covariance[np.ix_(_HELD, _HELD)]
         if float(correction @ np.linalg.solve(spread, correction)) > MAX_SURPRISE:
             return None
-        return PoseFactor(_corrected(world_from_camera, correction), _information(own, world_from_camera[:3, :3]))
+        corrected = _corrected(world_from_camera, correction)
+        return PoseFactor(inverse_se3(corrected), _information(own, corrected[:3, :3]))
 
     def _known_under(self, floor: FloorPlane, centre: FloatArray) -> FloorPlane | None:
         """Return the map's floor under what a frame sees of it, from under the camera; None unless known and flat."""
@@ -168,12 +169,12 @@ def _covariance(plane: FloorPlane) -> FloatArray:
 
 
 def _corrected(world_from_camera: FloatArray, correction: FloatArray) -> FloatArray:
-    """Return camera_from_world (4, 4) of a camera that is lifted, and turned about x and y, by a correction (3,)."""
+    """Return a pose (4, 4) that is lifted, and turned about x and y, by a correction (3,)."""
     lift_m, about_x_rad, about_y_rad = correction
     corrected = world_from_camera.copy()
     corrected[:3, :3] = exp_so3(np.array([about_x_rad, about_y_rad, 0.0])) @ corrected[:3, :3]
     corrected[2, 3] += lift_m
-    return inverse_se3(corrected)
+    return corrected
 
 
 def _information(covariance: FloatArray, rotation: FloatArray) -> FloatArray:

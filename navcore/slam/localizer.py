@@ -403,7 +403,8 @@ class Localizer:
         pose = matched.track.camera_from_world
         moved_m = float(np.linalg.norm((pose @ inverse_se3(state.told_from))[:3, 3]))
         is_new = moved_m >= NEW_VIEW_M or turned_rad(pose, state.told_from) >= NEW_VIEW_RAD
-        return state.confirmations == 0 or is_new or self._depth.agrees(self._seen, pose)
+        is_enough = state.confirmations == 0 or is_new or matched.is_ample
+        return is_enough or self._depth.agrees(self._seen, pose)
 
     def _matched(
         self, state: LocalizerState | None, matched: MapMatch, frame: Frame, confirmations: int

@@ -34,13 +34,15 @@ UNKNOWN_MISFIT = 3.0
 """Variance factor where the blocks are too few."""
 LEAST_MISFIT = 1.0
 """The variance is never taken for less than that of independent pixels."""
-ALIKE_LANDMARKS = 2.0
-"""Landmarks beside each other err alike, which few blocks of the image show: so many count as one. Measured
-(``python -m benchmarks.trust``): with 1, the 95 % ellipsoids of poses by fewer than 80 landmarks held the truth 88 % of
-the time, while what all poses share made those by more than 200 hold it 99.6 %."""
-SYSTEMATIC_SIGMA_M = 0.003
+ALIKE_LANDMARKS = 2.5
+"""Landmarks beside each other err alike, which few blocks of the image show: so many count as one."""
+SYSTEMATIC_SIGMA_M = 0.0025
 SYSTEMATIC_SIGMA_RAD = 0.001
-"""Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame."""
+"""Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame.
+
+This, ALIKE_LANDMARKS and :data:`navcore.slam.map_uncertainty.MAP_VARIANCE` are measured together, on simulated walks
+whose truth is known (``python -m benchmarks.trust``): the 95 % ellipsoids shall hold it as often where many landmarks
+are seen as where few are."""
 DRIFT_SHARE = 0.025
 """Standard deviation of odometry, per metre moved and per radian turned from one frame to the next."""
 DRIFT_SIGMA_M = 0.0033

@@ -15,6 +15,7 @@ from navcore.slam.depth_tracking import DepthView
 from navcore.slam.floor_anchor import FloorAnchor
 from navcore.slam.keyframes import Features
 from navcore.slam.lie import exp_so3, inverse_se3, log_so3
+from navcore.slam.localizer_state import LocalizerState
 from navcore.slam.mapper import Mapper
 from navcore.slam.pose_uncertainty import drifted
 from navcore.slam.slam_map import SlamMap
@@ -84,12 +85,13 @@ def walked_back(slam_map: SlamMap, has_floor: bool) -> Walked:
     erring = np.eye(4)
     erring[:3, :3] = exp_so3(np.array([0.001, 0.0, 0.0]))
     erring[:3, 3] = (0.0, 0.002, 0.0)
-    track, covariance, shared = track_at(0.0, truth[0]), np.diag([1e-5] * 3 + [1e-6] * 3), np.zeros((6, 6))
+    track, covariance = track_at(0.0, truth[0]), np.diag([1e-5] * 3 + [1e-6] * 3)
     for number in range(1, len(truth)):
         step = truth[number] @ inverse_se3(truth[number - 1])
         followed = track_at(0.1 * number, erring @ step @ track.camera_from_world)
         seen = DepthView(CAMERA, seen_from(truth[number], seed=number))
-        placed = aid.place(seen, track, followed, followed, covariance, shared, True) if has_floor else None
+        state = LocalizerState(track, None, covariance, np.zeros((6, 6)), 0.0, 3, truth[0], 1.0)
+        placed = aid.place(seen, state, followed, followed, True) if has_floor else None
         covariance = drifted(covariance, track, followed) if placed is None else placed.covariance
         assert placed is None or not placed.is_sure
         track = followed if placed is None else placed.track

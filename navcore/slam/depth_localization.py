@@ -26,6 +26,7 @@ from navcore.slam.depth_tracking import (
 )
 from navcore.slam.floor_anchor import FloorAnchor
 from navcore.slam.lie import inverse_se3
+from navcore.slam.localizer_state import LocalizerState
 from navcore.slam.pose_factor import PoseFactor, factor_error, fused
 from navcore.slam.pose_uncertainty import covariance_of, drifted
 from navcore.slam.self_similarity import is_sparse
@@ -77,70 +78,59 @@ class DepthAid:
         self._has_grey: BoolArray = np.asarray(slam_map.keyframe_grey.any(axis=(1, 2)))
 
     def place(
-        self,
-        seen: DepthView,
-        before: Track,
-        followed: Track | None,
-        predicted: Track,
-        covariance: FloatArray,
-        shared_covariance: FloatArray,
-        is_pace_known: bool,
+        self, seen: DepthView, state: LocalizerState, followed: Track | None, predicted: Track, is_pace_known: bool
     ) -> DepthPlace | None:
         """Return the pose of a frame that landmarks do not tell, or None where surfaces tell nothing either.
 
-        ``before`` is the frame before, with its covariance (6, 6) and the part of it that the map's error is;
-        ``followed`` is where odometry has this one, ``predicted`` where the motion model has it, which knows the
-        walker's pace or not.
+        ``state`` is that after the frame before; ``followed`` is where odometry has this one, ``predicted`` where the
+        motion model has it, which knows the walker's pace or not.
         """
-        relative_covariance = covariance - shared_covariance
-        near = predicted if followed is None else followed
-        step_s = near.stamp_s - before.stamp_s
-        found = self.carried(seen, near.camera_from_world, step_s)
-        is_unguided = followed is None
-        if followed is not None and found is not None and not found.is_complete and is_sparse(followed):
-            # Between blank walls what odometry follows are edges, which say nothing of the way along them.
-            near, is_unguided = predicted, True
-            found = self.carried(seen, near.camera_from_world, step_s)
+        near, found = self._found_near(seen, state.last, followed, predicted)
+        on_odometry = None if followed is None else _prior(state, followed, None)
         if found is None:
-            return self._on_floor(seen, before, followed, relative_covariance, shared_covariance)
-        expected = drifted(relative_covariance, before, near)
-        if is_unguided:
-            expected = _unguided(expected, step_s, MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S)
-        prior = PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
+            return self._on_floor(seen, state, followed, on_odometry)
+        unguided_m_s = MOTION_SIGMA_M_S if is_pace_known else UNKNOWN_PACE_M_S
+        prior = on_odometry if near is followed else _prior(state, near, unguided_m_s)
         said = found.alignment.factor(self._map.camera_from_world[found.reference])
-        if _surprise(prior, said) > MAX_SURPRISE:
-            return self._on_floor(seen, before, followed, relative_covariance, shared_covariance)
+        if prior is None or _surprise(prior, said) > MAX_SURPRISE:
+            return self._on_floor(seen, state, followed, on_odometry)
         both = fused(prior, said)
-        alignment, relative = found.alignment, covariance_of(both)
-        if alignment.contradicted > SURE_CONTRADICTED:
+        relative = covariance_of(both)
+        if found.alignment.contradicted > SURE_CONTRADICTED:
             # Surfaces of which some are elsewhere now may belong to a person, or to furniture that was moved.
-            floor = self._floor.factor(seen.model, near.camera_from_world, expected)
-            relative = expected if floor is None else covariance_of(fused(prior, floor))
-        if is_unguided and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
+            relative = covariance_of(self._on_its_floor(seen, prior) or prior)
+        if near is not followed and float(np.linalg.eigvalsh(relative[:3, :3])[-1]) > LOST_SIGMA_M**2:
             return None
         # Surfaces tell the pose relative to a key frame, and where that is the map knows only so well.
         shared = self._map.keyframe_covariance[found.reference] + _SURFACE_COVARIANCE
         return DepthPlace(_moved(near, both), relative + shared, shared, _is_sure(found))
 
+    def _found_near(
+        self, seen: DepthView, before: Track, followed: Track | None, predicted: Track
+    ) -> tuple[Track, Carried | None]:
+        """Return where a frame is looked for, by odometry or by the motion model, and what surfaces say there."""
+        near = predicted if followed is None else followed
+        step_s = near.stamp_s - before.stamp_s
+        found = self.carried(seen, near.camera_from_world, step_s)
+        if near is predicted or found is None or found.is_complete or not is_sparse(near):
+            return near, found
+        # Between blank walls what odometry follows are edges, which say nothing of the way along them.
+        return predicted, self.carried(seen, predicted.camera_from_world, step_s)
+
     def _on_floor(
-        self,
-        seen: DepthView,
-        before: Track,
-        followed: Track | None,
-        relative_covariance: FloatArray,
-        shared_covariance: FloatArray,
+        self, seen: DepthView, state: LocalizerState, followed: Track | None, prior: PoseFactor | None
     ) -> DepthPlace | None:
         """Return where odometry has a frame, as high and as tilted as the floor says; None without either."""
-        if followed is None:
+        held = None if prior is None else self._on_its_floor(seen, prior)
+        if followed is None or held is None:
             return None
-        expected = drifted(relative_covariance, before, followed)
-        floor = self._floor.factor(seen.model, followed.camera_from_world, expected)
-        if floor is None:
-            return None
-        prior = PoseFactor(followed.camera_from_world, _information(expected, followed.camera_from_world))
-        both = fused(prior, floor)
-        held = _with_its_points(followed, both)
-        return DepthPlace(held, covariance_of(both) + shared_covariance, shared_covariance, is_sure=False)
+        shared = state.shared_covariance
+        return DepthPlace(_with_its_points(followed, held), covariance_of(held) + shared, shared, is_sure=False)
+
+    def _on_its_floor(self, seen: DepthView, prior: PoseFactor) -> PoseFactor | None:
+        """Return what is known of a pose together with what the floor says of it; None where that says nothing."""
+        floor = self._floor.factor(seen.model, prior.camera_from_world, covariance_of(prior))
+        return None if floor is None else fused(prior, floor)
 
     def agrees(self, seen: DepthView, camera_from_world: FloatArray) -> bool:
         """Tell whether surfaces of the map fix all of a frame's pose (4, 4), and put it where it is."""
@@ -168,6 +158,15 @@ def _is_sure(found: Carried) -> bool:
     alignment = found.alignment
     is_seen = alignment.overlap >= SURE_OVERLAP and alignment.contradicted <= SURE_CONTRADICTED
     return found.is_complete and is_seen
+
+
+def _prior(state: LocalizerState, near: Track, unguided_m_s: float | None) -> PoseFactor:
+    """Return what is known of a frame's pose relative to the map from the frame before, by odometry; or by the motion
+    model, whose velocity has this standard deviation."""
+    expected = drifted(state.covariance - state.shared_covariance, state.last, near)
+    if unguided_m_s is not None:
+        expected = _unguided(expected, near.stamp_s - state.last.stamp_s, unguided_m_s)
+    return PoseFactor(near.camera_from_world, _information(expected, near.camera_from_world))
 
 
 def _unguided(covariance: FloatArray, step_s: float, sigma_m_s: float) -> FloatArray:

@@ -261,15 +261,7 @@ class Localizer:
             followed = None if moved is None else moved.track
             at_pace = self._at_pace(state, frame.stamp_s, predicted.camera_from_world)
             predicted = replace(predicted, camera_from_world=at_pace)
-            placed = self._depth.place(
-                self._seen,
-                state.last,
-                followed,
-                predicted,
-                state.covariance,
-                state.shared_covariance,
-                self._pace.is_known,
-            )
+            placed = self._depth.place(self._seen, state, followed, predicted, self._pace.is_known)
             if placed is not None:
                 return replace(
                     state,

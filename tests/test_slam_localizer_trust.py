@@ -12,7 +12,7 @@ from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import exp_se3
 from navcore.slam.localizer import Localizer
 from navcore.slam.map_evidence import CELL_COLUMNS, CELL_ROWS, MapEvidence, evidence_for
-from navcore.slam.map_uncertainty import with_covariances
+from navcore.slam.map_uncertainty import LEAST_VARIANCE, positive, with_covariances
 from navcore.slam.mapper import Mapper
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_uncertainty import (
@@ -131,6 +131,16 @@ def test_the_maps_covariance_turns_with_the_map(slam_map: SlamMap) -> None:
     turned = slam_map.transformed(turn)
     anew = with_covariances(turned).keyframe_covariance
     np.testing.assert_allclose(turned.keyframe_covariance, anew, rtol=1e-3, atol=1e-9)
+
+
+def test_no_axis_of_a_key_frame_is_left_negative_by_rounding() -> None:
+    turn = np.linalg.qr(np.random.default_rng(7).normal(size=(6, 6)))[0]
+    variances = np.array([-7e-8, 1e-8, 1e-7, 3e-7, 6e-7, 9e-7])
+    held = positive((turn * variances @ turn.T)[None])
+    found = np.linalg.eigvalsh(held[0])
+    assert found[0] >= 0.99 * LEAST_VARIANCE
+    np.testing.assert_allclose(found[1:], variances[1:], rtol=1e-6)
+    assert np.array_equal(held, held.transpose(0, 2, 1))
 
 
 def test_odometry_grows_by_what_is_moved_and_weighs_less_then(

@@ -10,8 +10,8 @@ States, from frame to frame:
 - *Lost* (no state): every frame searches the whole map. A place that convinces, without a rival, makes it Uncertain.
 - *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row that show many
   landmarks; its covariance allows for a mistaken place. Whoever stands still sees the same again, and is mistaken
-  again: such a frame confirms only where the map's surfaces say the same. A match that moves the pose farther than its
-  uncertainty begins this anew.
+  again: such a frame confirms only by very many landmarks, or where the map's surfaces say the same. A match that moves
+  the pose farther than its uncertainty begins this anew.
 - *Localized*: confirmed, matched with the map within ``MAX_UNMATCHED_S``, and sure enough.
 - *Uncertain, carried*: surfaces or odometry carry the pose on, the covariance grows, and the whole map is searched
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the

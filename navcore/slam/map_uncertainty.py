@@ -64,15 +64,15 @@ def keyframe_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) ->
     )
     sampled, stands_for = _sampled(slam_map)
     covariances = _gauge_free(factor, _rigid_motions(slam_map), sampled)
-    return positive(MAP_VARIANCE * covariances)[stands_for]
+    return np.ascontiguousarray(positive(MAP_VARIANCE * covariances)[stands_for])
 
 
 def positive(covariances: FloatArray) -> FloatArray:
     """Return covariances (n, 6, 6) without axes that rounding has made negative: the common motion, a million times as
     large, was subtracted from them."""
     values, vectors = np.linalg.eigh(covariances)
-    held = np.ascontiguousarray((vectors * np.maximum(values, LEAST_VARIANCE)[:, None, :]) @ vectors.transpose(0, 2, 1))
-    return 0.5 * (held + held.transpose(0, 2, 1))
+    held = (vectors * np.maximum(values, LEAST_VARIANCE)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.asarray(0.5 * (held + held.transpose(0, 2, 1)))
 
 
 def _sampled(slam_map: SlamMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

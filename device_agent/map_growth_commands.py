@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,8 +103,8 @@ def _extend(arguments: argparse.Namespace) -> int:
     recording = open_recording(arguments.source)
     session = recording_session(recording, arguments.name or default_name(arguments.source), arguments.date)
     prepare_site_folder(arguments.site)
-    with stage_bar() as progress:
-        growth = extend_site(site, recording, session, settings.localization, progress)
+    with ThreadPoolExecutor(1) as executor, stage_bar() as progress:
+        growth = extend_site(site, recording, session, settings.localization, progress, executor=executor)
     return keep(growth, arguments)
 
 

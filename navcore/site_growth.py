@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -77,18 +78,27 @@ def cloud_of(site: Site) -> DenseCloud:
 
 # ------------------------------------------------------------------------------------------------------ extending
 def extend_site(
-    site: Site, recording: Recording, session: Session, settings: LocalizationSettings, progress: Progress
+    site: Site,
+    recording: Recording,
+    session: Session,
+    settings: LocalizationSettings,
+    progress: Progress,
+    *,
+    executor: Executor | None = None,
 ) -> Growth:
     """Join a recording of an overlapping part of the building, or of the same part at another time, to a site.
 
-    Raises InputError where it is part of the site already, RecordingError for damaged input, and MappingError, saying
-    what to do, where it cannot be mapped or does not overlap.
+    ``executor`` runs local mapping beside tracking, which changes the time it takes and nothing else. Raises InputError
+    where it is part of the site already, RecordingError for damaged input, and MappingError, saying what to do, where
+    it cannot be mapped or does not overlap.
     """
     refuse_known(site, session)
     number = len(site.sessions)
     marks = read_marks(recording.folder / "marks.txt")
     known = slam_map_of(site)
-    extension = extend_map(known, cloud_of(site), recording, number, settings.feature_count, progress)
+    extension = extend_map(
+        known, cloud_of(site), recording, number, settings.feature_count, progress, executor=executor
+    )
     slam_map = extension.joined.slam_map
     roads, road_sessions = _roads_after(site, slam_map, extension.joined.known, number)
     carried = _graph_after(site, extension, marks, roads)

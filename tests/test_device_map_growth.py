@@ -5,12 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from device_agent import map_growth_commands
 from device_agent.cli import main
 from navcore.cloud_files import read_cloud
 from navcore.recording import Mark, RecordingWriter, read_trajectory
@@ -109,6 +113,17 @@ def test_the_extended_site_holds_both_parts(site: Path, built: Path) -> None:
     true_m = (FRAMES - 1) * 8 * 2.0 / REHEARSAL_CAMERA.fx_px
     reach = np.concatenate([road[:, :2] for road in after.roads_m])
     assert np.linalg.norm(reach.max(axis=0) - reach.min(axis=0)) == pytest.approx(true_m, abs=0.1)
+
+
+def test_a_recording_is_mapped_beside_tracking_when_a_site_grows(
+    built: Path, right: Path, extended: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    works = threading.Event()
+    monkeypatch.setattr(map_growth_commands, "ThreadPoolExecutor", partial(ThreadPoolExecutor, initializer=works.set))
+    site = Path(shutil.copytree(built, tmp_path / "site"))
+    assert main(["map", "extend", str(site), str(right), "--name", "Right part"]) == 0
+    assert works.is_set()
+    assert bytes_of(site) == bytes_of(extended)
 
 
 def test_the_same_recordings_give_the_same_site(extended: Path, left: Path, right: Path, tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from slam_blank_room import CAMERA, FLOOR, Plane, camera_at, corridor_planes, de
 from navcore.slam.depth_localization import SURE_CONTRADICTED, DepthAid, DepthPlace
 from navcore.slam.depth_tracking import DepthView
 from navcore.slam.keyframes import Features
+from navcore.slam.localizer_state import LocalizerState
 from navcore.slam.map import MapBuilder
 from navcore.slam.mapper import Mapper
 from navcore.slam.mapping import adjust
@@ -169,6 +170,7 @@ def _placed(slam_map: SlamMap, depth_m: np.ndarray, camera_from_world: np.ndarra
         np.zeros(2, np.int32), 1,
     )  # fmt: skip
     before = Track(0.0, nothing, camera_from_world, np.zeros(0, np.int32), np.zeros((6, 6)))
-    placed = DepthAid(slam_map).place(DepthView(CAMERA, depth_m), before, before, before, expected, is_pace_known=True)
+    state = LocalizerState(before, None, expected, np.zeros((6, 6)), 0.0, 3, camera_from_world, 1.0)
+    placed = DepthAid(slam_map).place(DepthView(CAMERA, depth_m), state, before, before, is_pace_known=True)
     assert placed is not None
     return placed

@@ -127,6 +127,26 @@ def test_few_landmarks_of_the_fisheye_are_not_believed_where_surfaces_see_the_ca
     assert localizer._is_undisputed(match, 0.0) is is_believed
 
 
+@pytest.mark.parametrize(("found_count", "counts"), [(30, False), (200, True)])
+def test_few_landmarks_of_the_fisheye_confirm_no_place(
+    mapped: SlamMap, office_renderer: Renderer, found_count: int, counts: bool
+) -> None:
+    localizer = Localizer(mapped, CAMERA, LocalizationSettings(use_fisheye=False))
+    first, second, _ = frames(office_renderer, poses(60.0, 75.0, 3), 6)
+    localizer.locate(first)
+    found = localizer.state
+    assert found is not None
+    localizer.locate(second)
+    assert localizer.state is not None
+    seen = localizer.state.last
+    nothing = np.full(len(seen.features), NO_LANDMARK, np.int32)
+    track = replace(seen, landmark_of=nothing, carried_points=None)
+    shown = FisheyeMatch(track, np.arange(found_count, dtype=np.int32), found_count, 2 * found_count)
+    match = MapMatch(track, evidence_for(mapped, track, shown.landmarks, second.depth_m), shown)
+    after = localizer._with_map(found, seen, match, second)
+    assert after.confirmations == found.confirmations + int(counts)
+
+
 def test_another_place_is_no_evidence(mapped: SlamMap, office_renderer: Renderer) -> None:
     elsewhere = [world_from_camera_at((7.0, 8.0 + 0.3 * k, 1.6), 1.5, math.radians(12)) for k in range(4)]
     localizer = Localizer(mapped, CAMERA, LocalizationSettings())

@@ -12,13 +12,15 @@ from navcore.slam.keyframes import SlamCamera
 from navcore.slam.lie import exp_se3
 from navcore.slam.localizer import Localizer
 from navcore.slam.map_evidence import CELL_COLUMNS, CELL_ROWS, MapEvidence, evidence_for
-from navcore.slam.map_uncertainty import with_covariances
+from navcore.slam.map_uncertainty import LEAST_VARIANCE, positive, with_covariances
 from navcore.slam.mapper import Mapper
 from navcore.slam.pose import covariance_in_world
 from navcore.slam.pose_uncertainty import (
     LEAST_MISFIT,
+    covariance_of,
     drifted,
     is_walkable,
+    map_factor,
     misfit,
     odometry_factor,
     weighed_by_misfit,
@@ -129,6 +131,16 @@ def test_the_maps_covariance_turns_with_the_map(slam_map: SlamMap) -> None:
     turned = slam_map.transformed(turn)
     anew = with_covariances(turned).keyframe_covariance
     np.testing.assert_allclose(turned.keyframe_covariance, anew, rtol=1e-3, atol=1e-9)
+
+
+def test_no_axis_of_a_key_frame_is_left_negative_by_rounding() -> None:
+    turn = np.linalg.qr(np.random.default_rng(7).normal(size=(6, 6)))[0]
+    variances = np.array([-7e-8, 1e-8, 1e-7, 3e-7, 6e-7, 9e-7])
+    held = positive((turn * variances @ turn.T)[None])
+    found = np.linalg.eigvalsh(held[0])
+    assert found[0] >= 0.99 * LEAST_VARIANCE
+    np.testing.assert_allclose(found[1:], variances[1:], rtol=1e-6)
+    assert np.array_equal(held, held.transpose(0, 2, 1))
 
 
 def test_odometry_grows_by_what_is_moved_and_weighs_less_then(
@@ -292,6 +304,53 @@ def test_after_a_short_gap_a_pose_is_confirmed_anew(single: SlamMap, walk: list[
     after = _qualities_after_gap(single, walk, 1.5)
     assert after[:2] == [LocalizationQuality.UNCERTAIN] * 2
     assert after[-1] is LocalizationQuality.LOCALIZED
+
+
+def test_who_stands_still_before_a_wall_is_confirmed_by_moving(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    """The same view again is the same mistake again, and along one bare surface anybody could be anywhere."""
+    localizer = _localizer(slam_map)
+    rng = np.random.default_rng(5)
+    # Something else is seen in most of the columns, at the same distance, but the wall in enough of them.
+    screens = [(30, 90), (120, 180), (215, 275)]
+    localizer.locate(walk[10][0])
+    for number in range(1, 12):
+        found = localizer.locate(dataclasses.replace(_covered(walk[10][0], screens, rng), stamp_s=1.0 + 0.1 * number))
+        assert found.quality is LocalizationQuality.UNCERTAIN
+    for number, (frame, _) in enumerate(walk[11:15]):
+        found = localizer.locate(dataclasses.replace(_covered(frame, screens, rng), stamp_s=2.2 + 0.1 * number))
+    assert found.quality is LocalizationQuality.LOCALIZED
+
+
+def _covered(frame: Frame, columns: list[tuple[int, int]], rng: np.random.Generator) -> Frame:
+    """Return a frame with noise in some columns."""
+    colour = frame.colour_rgb.copy()
+    for first, last in columns:
+        colour[:, first:last] = rng.integers(0, 256, (colour.shape[0], last - first, 3))
+    return dataclasses.replace(frame, colour_rgb=colour)
+
+
+def test_a_match_that_convinces_half_does_not_make_a_drifted_pose_a_sure_one(
+    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
+) -> None:
+    drift = np.diag([0.1**2] * 3 + [0.02**2] * 3)
+    spread = {}
+    for covered in ([], [(0, 225)]):
+        localizer = _localizer(slam_map)
+        for frame, _ in walk[:20]:
+            localizer.locate(frame)
+        known = localizer.state
+        assert known is not None
+        localizer._state = dataclasses.replace(known, covariance=known.covariance + drift)
+        localizer.locate(_covered(walk[20][0], covered, np.random.default_rng(6)))
+        state = localizer.state
+        assert state is not None
+        assert state.matched_s == walk[20][0].stamp_s
+        own = covariance_of(map_factor(state.last, state.misfit))
+        spread[len(covered)] = np.trace((state.covariance - state.shared_covariance)[:3, :3]) / np.trace(own[:3, :3])
+    assert spread[0] == pytest.approx(1.0, rel=0.05)
+    assert spread[1] > 1.5
 
 
 def _doubled(slam_map: SlamMap) -> SlamMap:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from test_slam_backend_pose import CAMERA, TRUE_POSE, scene
 
 from navcore.slam import lie, pose
-from navcore.slam.pose_factor import PoseFactor, add_factor, factor_cost, factor_error, factor_jacobian
+from navcore.slam.pose_factor import PoseFactor, add_factor, factor_cost, factor_error, factor_jacobian, intersected
 
 NOTHING = np.zeros((0, 3))
 twists = st.lists(st.floats(-0.7, 0.7), min_size=6, max_size=6).map(np.array)
@@ -87,3 +87,28 @@ def test_wrong_points_do_not_pull_the_pose_from_the_factor() -> None:
     assert not inlier[:5].any()
     assert inlier[5:].all()
     assert np.abs(found - TRUE_POSE).max() < 0.01
+
+
+def test_what_is_said_twice_is_no_surer_than_once() -> None:
+    once = PoseFactor(TRUE_POSE, some_information(3))
+    twice = intersected(once, once)
+    np.testing.assert_allclose(twice.information, once.information)
+    np.testing.assert_allclose(twice.camera_from_world, TRUE_POSE, atol=1e-12)
+
+
+def test_two_poses_that_may_err_alike_meet_by_their_information_and_promise_no_more_than_either_could() -> None:
+    """Whatever they have in common, the true covariance of the mean is below the promised one (a matrix inequality)."""
+    first, second = some_information(4), some_information(5)
+    shift = np.array([0.01, -0.02, 0.015, 0.0, 0.0, 0.0])
+    moved = np.empty((4, 4))
+    lie.update_pose(TRUE_POSE, shift, moved)
+    both = intersected(PoseFactor(TRUE_POSE, first), PoseFactor(moved, second))
+    expected = np.linalg.solve(first + second, second @ shift)
+    np.testing.assert_allclose(factor_error(both.camera_from_world, TRUE_POSE), expected, atol=1e-6)
+    promised = np.linalg.inv(both.information)
+    gains = np.linalg.solve(first + second, first), np.linalg.solve(first + second, second)
+    roots = np.linalg.cholesky(np.linalg.inv(first)), np.linalg.cholesky(np.linalg.inv(second))
+    for alike in (-1.0, 0.0, 1.0):
+        common = alike * gains[0] @ roots[0] @ roots[1].T @ gains[1].T
+        own = sum(g @ r @ r.T @ g.T for g, r in zip(gains, roots, strict=True))
+        assert np.linalg.eigvalsh(promised - own - common - common.T)[0] > -1e-12

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from navcore.floor_plane import MIN_POINTS, trimmed_plane
 from navcore.geometry import FloatArray, Transform, heading_of_camera, rotation_about_z
 from navcore.types import CameraIntrinsics, DepthImage
 
@@ -21,10 +22,6 @@ _FLOOR_RANGE_M = (0.5, 4.5)
 _FLOOR_BAND_M = 0.15
 _FLOOR_BAND_PER_M = 0.03
 """A floor point may lie this much off the uncorrected floor, growing with its distance: 1.7° of tilt."""
-_TRIMMED_M = 0.04
-_MIN_FLOOR_POINTS = 200
-_MIN_SPREAD_M = 0.25
-"""Standard deviation that floor points need along both axes before they say anything about tilt."""
 _MAX_TILT = math.tan(math.radians(4.0))
 _MAX_HEIGHT_ERROR_M = 0.12
 _RANSAC_ROUNDS = 150
@@ -72,7 +69,7 @@ def level_by_floor(depth_m: DepthImage, intrinsics: CameraIntrinsics, seed: int 
         seed: of the random choices; the same seed and image give the same answer.
     """
     points = sampled_points(depth_m, intrinsics)
-    if len(points) < _MIN_FLOOR_POINTS:
+    if len(points) < MIN_POINTS:
         return None
     rng = np.random.default_rng(seed)
     picks = rng.integers(0, len(points), (_RANSAC_ROUNDS, 3))
@@ -138,15 +135,6 @@ def _levelling_of(normal: FloatArray, height_m: float) -> Levelling:
     return Levelling(np.stack([forward, np.cross(normal, forward), normal]), height_m)
 
 
-def _fitted_plane(points: FloatArray) -> FloatArray:
-    """Return a, b, c (3,) of z = a x + b y + c, least squares."""
-    middle = points.mean(axis=0)
-    centred = points - middle
-    moments = centred.T @ centred
-    slope = np.linalg.solve(moments[:2, :2], moments[:2, 2])
-    return np.array([slope[0], slope[1], middle[2] - middle[:2] @ slope])
-
-
 def _refined(levelling: Levelling, points_camera: FloatArray) -> Levelling:
     """Fit z = a x + b y + c to the floor, trimmed twice, and turn the level axes onto it."""
     points = points_camera @ levelling.level_from_camera.T
@@ -154,13 +142,10 @@ def _refined(levelling: Levelling, points_camera: FloatArray) -> Levelling:
     range_m = np.hypot(points[:, 0], points[:, 1])
     near = (range_m > _FLOOR_RANGE_M[0]) & (range_m < _FLOOR_RANGE_M[1])
     floor = points[near & (np.abs(points[:, 2]) < _FLOOR_BAND_M + _FLOOR_BAND_PER_M * range_m)]
-    plane = np.zeros(3)
-    for trimmed_m in (math.inf, 2 * _TRIMMED_M, _TRIMMED_M):
-        residual = floor[:, 2] - floor[:, :2] @ plane[:2] - plane[2]
-        kept = floor[np.abs(residual - np.median(residual)) < trimmed_m] if len(floor) else floor
-        if len(kept) < _MIN_FLOOR_POINTS or kept[:, :2].std(axis=0).min() < _MIN_SPREAD_M:
-            return levelling
-        plane = _fitted_plane(kept)
+    fitted = trimmed_plane(floor)
+    if fitted is None:
+        return levelling
+    plane = fitted.coefficients
     if abs(plane[0]) > _MAX_TILT or abs(plane[1]) > _MAX_TILT or abs(plane[2]) > _MAX_HEIGHT_ERROR_M:
         return levelling
     normal_level = np.array([-plane[0], -plane[1], 1.0])

@@ -9,8 +9,9 @@ States, from frame to frame:
 
 - *Lost* (no state): every frame searches the whole map. A place that convinces, without a rival, makes it Uncertain.
 - *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row that show many
-  landmarks; its covariance allows for a mistaken place. A match that moves the pose farther than its uncertainty
-  begins this anew.
+  landmarks; its covariance allows for a mistaken place. Whoever stands still sees the same again, and is mistaken
+  again: such a frame confirms only by very many landmarks, or where the map's surfaces say the same. A match that moves
+  the pose farther than its uncertainty begins this anew.
 - *Localized*: confirmed, matched with the map within ``MAX_UNMATCHED_S``, and sure enough.
 - *Uncertain, carried*: surfaces or odometry carry the pose on, the covariance grows, and the whole map is searched
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
@@ -31,22 +32,24 @@ import numpy as np
 from navcore.frame_check import check_frame, with_known_depth
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
-from navcore.slam.depth_localization import DepthAid
-from navcore.slam.depth_tracking import DepthView
+from navcore.slam.depth_localization import DepthAid, is_elsewhere
+from navcore.slam.depth_tracking import DepthView, turned_rad
 from navcore.slam.features import FeatureExtractor, feature_count_for, grey_of
 from navcore.slam.fisheye_localization import FisheyeAid
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
 from navcore.slam.lie import inverse_se3
-from navcore.slam.localizer_state import CONFIRMATIONS, LocalizerState, MapMatch, RememberedCovisibility
+from navcore.slam.localizer_state import LocalizerState, MapMatch, RememberedCovisibility
 from navcore.slam.map_evidence import evidence_for
 from navcore.slam.pace import Pace
 from navcore.slam.pose import position_sigma_m
-from navcore.slam.pose_factor import PoseFactor, factor_error
+from navcore.slam.pose_factor import PoseFactor, intersected
 from navcore.slam.pose_uncertainty import (
     centre_of,
+    covariance_of,
     drifted,
     is_walkable,
     map_covariance,
+    map_factor,
     misfit,
     odometry_factor,
     walked_unseen,
@@ -55,7 +58,7 @@ from navcore.slam.pose_uncertainty import (
 )
 from navcore.slam.relocalization import is_same_place, proposals
 from navcore.slam.rolling_shutter import KEPT_SHARE, MIN_READOUT_S, sorted_anew, unrolled
-from navcore.slam.self_similarity import is_firm, is_sparse, undisputed
+from navcore.slam.self_similarity import is_firm, undisputed
 from navcore.slam.slam_map import SlamMap
 from navcore.slam.tracking import (
     FrameMatch,
@@ -95,14 +98,15 @@ GUESS_RADIUS_FACTOR = 3.0
 """Search radius around landmarks where only the motion model says where the camera is, times the usual one."""
 JUMP_M = 0.3
 """A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
+NEW_VIEW_M = 0.03
+NEW_VIEW_RAD = np.radians(2.0)
+"""A frame taken nearer to the one before, and turned by less, is the same evidence again."""
 NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
 TURN_LEVER_M = 2.0
 """When the nearest key frame is looked for, one that looks to the side counts as so much farther away."""
 OPEN_SIGMA_M = 0.3
 """A match that leaves the position open by more than this in some direction does not count as one."""
-DISAGREEING_M = 0.15
-"""Few landmarks are not believed where surfaces see the camera farther away than this."""
 LEAST_FEATURES = 300
 """Fewer features than this of a picture are not looked for, however slow the device (or all, where all are fewer)."""
 MISFIT_MEMORY = 0.8
@@ -224,8 +228,7 @@ class Localizer:
             if matched is not None and matched.is_convincing:
                 return self._with_map(state, track, self._unrolled_as_found(state, matched), frame)
             if matched is not None and track is followed and matched.is_plausible_after(track):
-                # It keeps what is known, but does not make a doubtful pose a sure one.
-                return self._matched(state, matched, frame, state.confirmations)
+                return self._half_matched(state, track, matched, frame)
             doubtful = doubtful or matched
         found = self._find(frame, features) if self._is_due_for_search(state, frame) else None
         return found or self._carried_on(state, moved, doubtful, predicted, frame)
@@ -258,8 +261,7 @@ class Localizer:
             followed = None if moved is None else moved.track
             at_pace = self._at_pace(state, frame.stamp_s, predicted.camera_from_world)
             predicted = replace(predicted, camera_from_world=at_pace)
-            relative = state.covariance - state.shared_covariance
-            placed = self._depth.place(self._seen, state.last, followed, predicted, relative, self._pace.is_known)
+            placed = self._depth.place(self._seen, state, followed, predicted, self._pace.is_known)
             if placed is not None:
                 return replace(
                     state,
@@ -314,8 +316,7 @@ class Localizer:
         if carried is None:
             return position_sigma_m(track.information) < OPEN_SIGMA_M
         if carried.is_complete:
-            shift = factor_error(carried.factor.camera_from_world, track.camera_from_world)[:3]
-            return float(np.linalg.norm(shift)) < DISAGREEING_M
+            return not is_elsewhere(carried, track.camera_from_world)
         seeds = local_keyframes(self._covisibility, track.landmarks)
         candidates = local_landmarks(self._map, seeds)
         nothing = np.full(len(track.features), NO_LANDMARK, np.int32)
@@ -381,23 +382,59 @@ class Localizer:
     def _with_map(self, state: LocalizerState, moved: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
         shift_m = float(np.linalg.norm(centre_of(matched.track) - centre_of(moved)))
         drift_m = 3.0 * float(np.sqrt(np.trace(drifted(state.covariance, state.last, moved)[:3, :3])))
+        if shift_m > max(JUMP_M, drift_m):
+            return self._matched(state, matched, frame, 1)
+        confirms = not state.is_confirmed and self._is_confirmed_by(state, matched)
+        return self._matched(state, matched, frame, state.confirmations + int(confirms))
+
+    def _is_confirmed_by(self, state: LocalizerState, matched: MapMatch) -> bool:
+        """Tell whether a frame is evidence for the place that those before it were not."""
         # Bare corridors look alike: few landmarks do not tell that the place is the right one, however often.
-        told = min(state.confirmations + 1, CONFIRMATIONS)
-        if not state.is_confirmed and matched.fisheye is None and is_sparse(matched.track):
-            told = state.confirmations
-        confirmations = 1 if shift_m > max(JUMP_M, drift_m) else told
-        return self._matched(state, matched, frame, confirmations)
+        if matched.is_sparse:
+            return False
+        pose = matched.track.camera_from_world
+        moved_m = float(np.linalg.norm((pose @ inverse_se3(state.told_from))[:3, 3]))
+        is_new = moved_m >= NEW_VIEW_M or turned_rad(pose, state.told_from) >= NEW_VIEW_RAD
+        is_enough = state.confirmations == 0 or is_new or matched.is_ample
+        return is_enough or self._depth.agrees(self._seen, pose)
 
     def _matched(
         self, state: LocalizerState | None, matched: MapMatch, frame: Frame, confirmations: int
     ) -> LocalizerState:
         track, last = matched.track, None if state is None else state.last
+        factor = self._misfit_after(state, track)
+        covariance, shared = map_covariance(track, self._covariance_around(track), factor)
+        is_told = state is None or confirmations != state.confirmations
+        told_from = track.camera_from_world if state is None or is_told else state.told_from
+        return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, told_from, factor)
+
+    def _half_matched(self, state: LocalizerState, followed: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
+        """Return the state after a match that only odometry makes plausible.
+
+        Both follow the same features, and may err alike. It keeps what is known of the place, but makes neither a
+        doubtful pose a sure one, nor a drifted one as good as a match that convinces.
+        """
+        factor = self._misfit_after(state, matched.track)
+        _, shared = map_covariance(matched.track, self._covariance_around(matched.track), factor)
+        known = odometry_factor(state.covariance - state.shared_covariance, state.last, followed)
+        both = intersected(known, map_factor(matched.track, factor))
+        track = replace(matched.track, camera_from_world=both.camera_from_world)
+        return replace(
+            state,
+            last=track,
+            before_last=state.last,
+            covariance=shared + covariance_of(both),
+            shared_covariance=shared,
+            matched_s=frame.stamp_s,
+            misfit=factor,
+        )
+
+    def _misfit_after(self, state: LocalizerState | None, track: Track) -> float:
         factor = misfit(self._map, track)
-        if state is not None:
-            factor = MISFIT_MEMORY * state.misfit + (1.0 - MISFIT_MEMORY) * factor
-        around = self._map.keyframe_covariance[self._nearest_keyframe(track)]
-        covariance, shared = map_covariance(track, around, factor)
-        return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, factor)
+        return factor if state is None else MISFIT_MEMORY * state.misfit + (1.0 - MISFIT_MEMORY) * factor
+
+    def _covariance_around(self, track: Track) -> FloatArray:
+        return np.asarray(self._map.keyframe_covariance[self._nearest_keyframe(track)])
 
     # --------------------------------------------------------------------------------------------- finding
     def _is_due_for_search(self, state: LocalizerState, frame: Frame) -> bool:

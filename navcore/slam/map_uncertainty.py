@@ -26,13 +26,15 @@ SAMPLED_KEYFRAMES = 60
 that of the nearest on their side."""
 GAUGE_LEVER_M = 1.0
 """When the map is laid onto the truth, a radian of a key frame counts as much as this distance."""
-TIE_SIGMA_M = 0.1
-TIE_SIGMA_RAD = 0.03
+TIE_SIGMA_M = 0.08
+TIE_SIGMA_RAD = 0.023
 """Standard deviation between key frames that follow each other in a recording, were there no landmark: they have been
 followed from one to the next all the same."""
-MAP_VARIANCE = 0.6
-"""By so much the adjustment of a map is better than pixels of nominal noise would have it. Measured: with 1, the 95 %
-ellipsoids of poses in simulated maps held the truth 99.5 % of the time (``python -m benchmarks.trust``)."""
+MAP_VARIANCE = 0.42
+"""By so much the adjustment of a map by its landmarks is better than pixels of nominal noise would have it; measured,
+see :data:`navcore.slam.pose_uncertainty.SYSTEMATIC_SIGMA_M`."""
+LEAST_VARIANCE = 1e-9
+"""Of a key frame along any axis (m², rad²): no map is surer than a thirtieth of a millimetre."""
 _EDGE_SHARE = 0.01
 """What an observation of an edge counts."""
 _PRIOR = 1.0
@@ -56,13 +58,21 @@ def keyframe_covariances(slam_map: SlamMap, is_edge: BoolArray | None = None) ->
     turned = _world_from_twist(slam_map)
     information = _assembled(turned[row] @ blocks @ turned[col].transpose(0, 2, 1), row, col, slam_map.keyframe_count)
     prior = _PRIOR * scipy.sparse.identity(information.shape[0], format="csc")
-    information = scipy.sparse.csc_matrix(information + _ties(slam_map) + prior)
+    information = scipy.sparse.csc_matrix(information + MAP_VARIANCE * _ties(slam_map) + prior)
     factor = scipy.sparse.linalg.splu(
         information, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
     )
     sampled, stands_for = _sampled(slam_map)
     covariances = _gauge_free(factor, _rigid_motions(slam_map), sampled)
-    return MAP_VARIANCE * np.ascontiguousarray(covariances[stands_for])
+    return np.ascontiguousarray(positive(MAP_VARIANCE * covariances)[stands_for])
+
+
+def positive(covariances: FloatArray) -> FloatArray:
+    """Return covariances (n, 6, 6) without axes that rounding has made negative: the common motion, a million times as
+    large, was subtracted from them."""
+    values, vectors = np.linalg.eigh(covariances)
+    held = (vectors * np.maximum(values, LEAST_VARIANCE)[:, None, :]) @ vectors.transpose(0, 2, 1)
+    return np.asarray(0.5 * (held + held.transpose(0, 2, 1)))
 
 
 def _sampled(slam_map: SlamMap) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -34,9 +34,15 @@ UNKNOWN_MISFIT = 3.0
 """Variance factor where the blocks are too few."""
 LEAST_MISFIT = 1.0
 """The variance is never taken for less than that of independent pixels."""
-SYSTEMATIC_SIGMA_M = 0.0055
-SYSTEMATIC_SIGMA_RAD = 0.0015
-"""Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame."""
+ALIKE_LANDMARKS = 2.5
+"""Landmarks beside each other err alike, which few blocks of the image show: so many count as one."""
+SYSTEMATIC_SIGMA_M = 0.0025
+SYSTEMATIC_SIGMA_RAD = 0.001
+"""Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame.
+
+This, ALIKE_LANDMARKS and :data:`navcore.slam.map_uncertainty.MAP_VARIANCE` are measured together, on simulated walks
+whose truth is known (``python -m benchmarks.trust``): the 95 % ellipsoids shall hold it as often where many landmarks
+are seen as where few are."""
 DRIFT_SHARE = 0.025
 """Standard deviation of odometry, per metre moved and per radian turned from one frame to the next."""
 DRIFT_SIGMA_M = 0.0033
@@ -110,7 +116,17 @@ def map_covariance(
     of pixels of the same kind.
     """
     shared = variance_factor * (keyframe_covariance + _diagonal(SYSTEMATIC_SIGMA_M**2, SYSTEMATIC_SIGMA_RAD**2))
-    return shared + variance_factor * covariance_in_world(track.camera_from_world, track.information), shared
+    return shared + covariance_of(map_factor(track, variance_factor)), shared
+
+
+def map_factor(track: Track, variance_factor: float) -> PoseFactor:
+    """Return what the landmarks that a frame shows say of its pose, relative to the map around."""
+    return PoseFactor(track.camera_from_world, track.information / (ALIKE_LANDMARKS * variance_factor))
+
+
+def covariance_of(factor: PoseFactor) -> FloatArray:
+    """Return the covariance (6, 6) of (position, rotation) in the world of what is known of a pose."""
+    return covariance_in_world(factor.camera_from_world, factor.information)
 
 
 def drifted(covariance: FloatArray, before: Track, after: Track) -> FloatArray:

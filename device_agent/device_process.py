@@ -9,6 +9,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
 
+import msgspec
+
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
@@ -44,6 +46,7 @@ from navcore.settings import Settings
 from navcore.site import Site, map_checksum
 from navcore.site_files import MANIFEST
 from navcore.types import Frame
+from navcore.wire import MapWalkSeen
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
@@ -80,7 +83,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             # The simulated world waits for a slow loop.
             plans_load=not options.simulated,
         )  # fmt: skip
-        walks = _map_walks(options, hardware, lambda order: agent.submit(order))
+        walks = _map_walks(options, hardware, lambda order: agent.submit(order), uplink, paced)
         stack.callback(walks.close)
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:
@@ -128,9 +131,23 @@ def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) 
     return None
 
 
-def _map_walks(options: DeviceOptions, hardware: Hardware, submit: Callable[[Order], None]) -> DeviceMapWalks:
-    plan = WalkPlan(options.state / "map-walks", options.site, owns_map=options.console_url is None)
-    return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
+def _map_walks(
+    options: DeviceOptions,
+    hardware: Hardware,
+    submit: Callable[[Order], None],
+    uplink: Uplink,
+    paced: PacedClock | None,
+) -> DeviceMapWalks:
+    plan = WalkPlan(options.map_walks, options.site, owns_map=options.console_url is None)
+    if not isinstance(uplink, ConsoleLink):
+        return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
+
+    def show(seen: MapWalkSeen) -> None:
+        uplink.map_walk(seen if paced is None else msgspec.structs.replace(seen, stamp_s=paced.real_s(seen.stamp_s)))
+
+    return DeviceMapWalks(
+        plan, hardware.camera.intrinsics, make_localizer, submit, show=show, handed_over=uplink.recording_waits
+    )
 
 
 def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:
@@ -160,7 +177,7 @@ def _uplink(options: DeviceOptions, store: DeviceStore, clock: Clock, stack: Exi
         journal.append(clock.now_s(), "link", store.went_back)
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
-        seed=zlib.crc32(options.device_id.encode()),
+        seed=zlib.crc32(options.device_id.encode()), map_walks=options.map_walks,
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
     link.on_link_state = store.save_link_state

@@ -196,6 +196,7 @@ _BUILD_WORDS = {
     "cloud_points": "points of the cloud",
     "leveling": "levelling",
     "places": "places with names",
+    "places_lost": "places that were marked where the way was not known",
     "weak_m": "of the walk not seen well, m",
     "ms_per_frame": "computing time per frame, ms",
     "ate_rmse_m": "error against the ground truth (ATE RMSE), m",

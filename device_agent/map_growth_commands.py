@@ -19,6 +19,7 @@ WORDS = {
     "known_moved_m": "largest correction of the map that was there, m",
     "session_road_m": "road of this session, m",
     "places_added": "places added",
+    "places_lost": "places that were marked where the way was not known",
     "points_read": "points read",
 }
 SITE_WORDS = {

@@ -29,8 +29,10 @@ from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
     ApplySettings,
+    BeginMapWalk,
     ClearDestination,
     ConsoleMessage,
+    EndMapWalk,
     GraphRunning,
     MapRunning,
     Pause,
@@ -53,6 +55,15 @@ class Lead:
 Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
 """What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
+_WISHES: dict[type[ConsoleMessage], StateEvent] = {
+    ClearDestination: StateEvent.STOP,
+    Pause: StateEvent.PAUSE,
+    Resume: StateEvent.RESUME,
+    Repeat: StateEvent.REPEAT,
+    BeginMapWalk: StateEvent.MAP_ORDERED,
+    EndMapWalk: StateEvent.MAP_ENDED,
+}
+"""What is wished for with an order that says nothing else."""
 
 
 def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkTold | Lead, now_s: float) -> Step:
@@ -62,14 +73,8 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkT
             return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id)
         case SetDestination():
             return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id, by=By.CONSOLE)
-        case ClearDestination():
-            return happen(state, StateEvent.STOP, now_s, by=By.CONSOLE)
-        case Pause():
-            return happen(state, StateEvent.PAUSE, now_s, by=By.CONSOLE)
-        case Resume():
-            return happen(state, StateEvent.RESUME, now_s, by=By.CONSOLE)
-        case Repeat():
-            return happen(state, StateEvent.REPEAT, now_s, by=By.CONSOLE)
+        case ClearDestination() | Pause() | Resume() | Repeat() | BeginMapWalk() | EndMapWalk():
+            return happen(state, _WISHES[type(order)], now_s, by=By.CONSOLE)
         case Say():
             return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
         case ApplySettings():

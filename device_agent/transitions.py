@@ -15,7 +15,7 @@ from device_agent.whereabouts import mode_text, whereabouts
 from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
-from navcore.wire import RouteChanged
+from navcore.wire import MapWalkRunning, RouteChanged
 
 
 class By(enum.Enum):
@@ -57,9 +57,12 @@ def happen(
         said = (Notice(_words(state, transition, poi_id, by), answers=True),)
     if transition.refused:
         return state, (*said, *_refusal(state, event, now_s))
+    was_mapping = purpose is Mode.MAPPING
     state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal))
     if state.purpose is not purpose and event not in _TOLD_OTHERWISE and transition.action is not StateAction.SET_OUT:
         effects = (mode_event(state), *effects)
+    if was_mapping is not (state.purpose is Mode.MAPPING):
+        effects = (MapWalkRunning(not was_mapping), *effects)
     return state, (*said, *effects)
 
 
@@ -95,6 +98,8 @@ def _refusal(state: DeviceState, event: StateEvent, now_s: float) -> tuple[Effec
     happened = Happened("mode", f"Refused: {event.value}. {why}")
     if event is StateEvent.DESTINATION:
         return happened, RouteChanged(now_s, refusal=why)
+    if event in (StateEvent.MAP_ORDERED, StateEvent.MAP_ENDED):
+        return happened, MapWalkRunning(state.purpose is Mode.MAPPING, why)
     return (happened,)
 
 

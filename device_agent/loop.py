@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
 from device_agent.motion import extended_trail
-from device_agent.mounting import expected_of, look_at_floor
+from device_agent.mounting import expected_of, look_at_floor, look_where_walked
 from device_agent.ports import Clock, DepthCamera, LocalizerPort, Sonar
 from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
@@ -130,6 +130,8 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         scan = ports.scan(frame.depth_m, intrinsics, located.world_from_camera, settings.obstacle, expected)
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
         effects += told
+        state, told = look_where_walked(state, located)
+        effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
         state, scan = _with_what_was_seen(state, scan, sonar, located, frame.stamp_s)
@@ -243,7 +245,8 @@ def _as_mounted(state: DeviceState, guidance: Guidance) -> Guidance:
     """By a camera that is not where it was calibrated nobody is led."""
     if not state.mounting.moved:
         return guidance
-    return _stop_instead(guidance, Reason.CAMERA_MOVED, f"The camera has moved: {state.mounting.why}.")
+    reason = Reason.LOOKS_AWAY if state.mounting.by_posture else Reason.CAMERA_MOVED
+    return _stop_instead(guidance, reason, f"The camera has moved: {state.mounting.why}.")
 
 
 def _stopped(guidance: Guidance, rule: str) -> Guidance:

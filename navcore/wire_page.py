@@ -63,10 +63,11 @@ The recording of a map walk goes to the console's machine over HTTP, with the de
 `navcore/recording_upload.py`). The device offers it with size and SHA-256 (`POST {OFFERS_PATH}`), and is
 told which byte is missing next; it puts pieces of {PIECE_BYTES >> 10} KiB
 (`PUT {OFFERS_PATH}/SHA256?offset=BYTE`), and is told the same after each. So it goes on after any
-interruption, and after `kill -9` of either side, where it was; a piece that does not follow changes nothing. One recording goes at a time. A piece is only sent while the console is joined and has confirmed
-every event, and after each there is a pause as long as the piece took: never more than half of a link is used. The
-console takes up to {MAX_RECORDING_BYTES >> 30} GiB, leaves 1 GiB of its disk free, and gives the recording its name in
-one step when the checksum fits; what has come damaged is asked for anew. The recording stays on the device as well.
+interruption, and after `kill -9` of either side, where it was; a piece that does not follow changes nothing. One
+recording goes at a time. A piece is only sent while the console is joined and has confirmed every event, and after each
+there is a pause as long as the piece took: never more than half of a link is used. The console takes up to
+{MAX_RECORDING_BYTES >> 30} GiB, leaves 1 GiB of its disk free, and gives the recording its name in one step when the
+checksum fits; what has come damaged is asked for anew. The recording stays on the device as well.
 """
 
 

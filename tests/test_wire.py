@@ -31,6 +31,8 @@ UP: list[wire.DeviceMessage] = [
     wire.SettingsRunning(4, {"gate.clearance_m": 2.0, "cues.language": "en"}),
     wire.GraphRunning(3),
     wire.MapRunning("abc"),
+    wire.MapWalkRunning(False, "Somebody is being led."),
+    wire.MapWalkSeen(2.0, 10.0, 100, 2, 80, 1, 0.5, ("weak",), "weak", 1.5),
     wire.Pong(1.0, 2.0, 2.1),
 ]  # fmt: skip
 DOWN: list[wire.ConsoleMessage] = [
@@ -39,6 +41,8 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.ClearDestination(),
     wire.Pause(),
     wire.Resume(),
+    wire.BeginMapWalk(),
+    wire.EndMapWalk(),
     wire.Repeat(),
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),

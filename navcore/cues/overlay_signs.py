@@ -229,6 +229,7 @@ _PICTOGRAMS: dict[Reason, Callable[[Sheet], list[Shape]]] = {
     Reason.POSE_LOST: _question,
     Reason.SENSOR_STALE: _broken,
     Reason.CAMERA_MOVED: _tilted,
+    Reason.LOOKS_AWAY: _tilted,
     Reason.NO_ROUTE: _no_goal,
     Reason.PAUSED: _bars,
 }

@@ -151,7 +151,8 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
-         "way_anew", "camera_moved", "camera_agrees"),
+         "way_anew", "camera_moved", "camera_agrees", "look_ahead",
+         "looks_left", "looks_right", "looks_ahead"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",

@@ -94,7 +94,7 @@ def test_any_message_comes_back_as_it_was_sent_and_from_its_own_side_alone(
 
 @pytest.mark.parametrize("kind", wire.MESSAGES, ids=lambda kind: kind.__name__)
 @given(data=st.data())
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_a_damaged_message_is_a_message_or_a_wire_error(kind: type[msgspec.Struct], data: st.DataObject) -> None:
     sent = bytearray(wire.encode(data.draw(messages(kind))))
     for _ in range(data.draw(st.integers(1, 4))):

@@ -221,5 +221,5 @@ def _print(as_json: bool, answer: dict[str, Any], words: dict[str, str]) -> None
         sys.stdout.write("\n")
         return
     for name, text in words.items():
-        if name in answer:
+        if answer.get(name, "") != "":
             sys.stdout.write(f"{text + ':':<50} {answer[name]}\n")

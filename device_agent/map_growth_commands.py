@@ -161,7 +161,7 @@ def keep(growth: Growth, arguments: argparse.Namespace) -> int:
         return 0
     for words, values in ((WORDS, growth.figures), (SITE_WORDS, growth.site.report)):
         for name, text in words.items():
-            if name in values:
+            if values.get(name, "") != "":
                 sys.stdout.write(f"{text + ':':<50} {values[name]}\n")
     if growth.off_road or growth.lost_edges:
         sys.stderr.write(

@@ -157,7 +157,11 @@ class ConsoleLink:
         self._wake()
 
     async def _work(self) -> None:
-        await asyncio.gather(self._stay_joined(), self._uploads.run())
+        uploads = asyncio.create_task(self._uploads.run())
+        try:
+            await self._stay_joined()
+        finally:
+            await _ended(uploads)
 
     # -------------------------------------------------------------------------------------------- recordings
     async def _until_quiet(self) -> None:

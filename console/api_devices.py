@@ -19,14 +19,17 @@ REVISIONS_SHOWN_COUNT = 30
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
     _add_command_routes(app, services)
+    _add_map_walk_routes(app, services)
     _add_settings_routes(app, services)
+
+
+def asked(command: Command) -> Response:
+    """Return the answer to a command that has gone to its device."""
+    return json_response({"command": command}, 202)
 
 
 def _add_command_routes(app: FastAPI, services: Services) -> None:
     hub = services.hub
-
-    def asked(command: Command) -> Response:
-        return json_response({"command": command}, 202)
 
     @app.post("/api/devices/{device_id}/destination")
     def destination(visitor: Visitor, device_id: str, body: DestinationBody) -> Response:
@@ -63,6 +66,18 @@ def _add_command_routes(app: FastAPI, services: Services) -> None:
         if image is None:
             raise NotFoundError("This device has sent no depth image yet.")
         return Response(image.jpeg, media_type="image/jpeg")
+
+
+def _add_map_walk_routes(app: FastAPI, services: Services) -> None:
+    hub = services.hub
+
+    @app.post("/api/devices/{device_id}/map-walk/begin")
+    def begin(visitor: Visitor, device_id: str) -> Response:
+        return asked(hub.begin_map_walk(device_id, visitor.user_name))
+
+    @app.post("/api/devices/{device_id}/map-walk/end")
+    def end(visitor: Visitor, device_id: str) -> Response:
+        return asked(hub.end_map_walk(device_id, visitor.user_name))
 
 
 def _add_settings_routes(app: FastAPI, services: Services) -> None:

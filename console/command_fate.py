@@ -6,9 +6,12 @@ from dataclasses import replace
 
 from console.live import Command
 from navcore.modes import Mode
-from navcore.wire import DeviceMessage, Event, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import DeviceMessage, Event, MapWalkRunning, RouteChanged, SettingsRunning, WalkerState
 
-_OPPOSITES = {"set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause"}
+_OPPOSITES = {
+    "set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause",
+    "begin_map_walk": "end_map_walk", "end_map_walk": "begin_map_walk",
+}  # fmt: skip
 
 
 def judge(command: Command, message: DeviceMessage) -> Command:
@@ -17,6 +20,8 @@ def judge(command: Command, message: DeviceMessage) -> Command:
         return command
     if isinstance(message, SettingsRunning):
         return _judge_settings(command, message)
+    if isinstance(message, MapWalkRunning):
+        return _judge_map_walk(command, message)
     if isinstance(message, RouteChanged):
         return _judge_route(command, message)
     done = (isinstance(message, WalkerState) and _shown_by(command, message)) or (
@@ -52,6 +57,15 @@ def _judge_route(command: Command, message: RouteChanged) -> Command:
     if message.refusal:
         return replace(command, state="refused", refusal=message.refusal)
     return replace(command, state="running") if message.destination_id == command.detail else command
+
+
+def _judge_map_walk(command: Command, message: MapWalkRunning) -> Command:
+    if command.kind not in ("begin_map_walk", "end_map_walk"):
+        return command
+    if message.refusal:
+        return replace(command, state="refused", refusal=message.refusal)
+    is_done = message.is_running is (command.kind == "begin_map_walk")
+    return replace(command, state="running") if is_done else command
 
 
 def _told_by(command: Command, event: Event) -> bool:

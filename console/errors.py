@@ -8,7 +8,8 @@ VbrError
     ├── NotFoundError 404    there is no such thing
     ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
     ├── TooLargeError 413    what was sent is larger than what is taken
-    └── TooManyError 429     asked too often
+    ├── TooManyError 429     asked too often
+    └── NoRoomError 507      the disk of the console's machine has no room for it
 """
 
 from __future__ import annotations
@@ -64,3 +65,9 @@ class TooManyError(ConsoleError):
     def __init__(self, sentence: str, retry_after_s: float) -> None:
         super().__init__(sentence)
         self.retry_after_s = retry_after_s
+
+
+class NoRoomError(ConsoleError):
+    """The disk of the console's machine has no room for it."""
+
+    status = 507

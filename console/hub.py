@@ -22,14 +22,18 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import SettingValue
 from navcore.wire import (
     ApplySettings,
+    BeginMapWalk,
     ClearDestination,
     ConsoleMessage,
     DepthImage,
     DeviceMessage,
+    EndMapWalk,
     Event,
     GraphRunning,
     Hello,
     MapRunning,
+    MapWalkRunning,
+    MapWalkSeen,
     Pause,
     Pong,
     PublishGraph,
@@ -203,6 +207,14 @@ class DeviceHub:
         """Have the device say its last sentence again."""
         return self._command(device_id, "repeat", "", who, Repeat())
 
+    def begin_map_walk(self, device_id: str, who: str) -> Command:
+        """Have a map walk recorded, where nobody is led."""
+        return self._command(device_id, "begin_map_walk", "", who, BeginMapWalk())
+
+    def end_map_walk(self, device_id: str, who: str) -> Command:
+        """End the map walk."""
+        return self._command(device_id, "end_map_walk", "", who, EndMapWalk())
+
     def say(self, device_id: str, text: str, who: str) -> Command:
         """Speak a sentence to the walker."""
         return self._command(device_id, "say", text, who, Say(text))
@@ -249,6 +261,12 @@ class DeviceHub:
                     device, map_checksum=message.map_checksum, map_refusal=message.refusal,
                     map_waiting=message.waiting_checksum,
                 )  # fmt: skip
+            case MapWalkRunning(is_running, refusal):
+                # What another walk has seen is nothing of this one.
+                seen = device.map_walk if is_running == device.map_walk_running or not is_running else None
+                return replace(device, map_walk_running=is_running, map_walk_refusal=refusal, map_walk=seen)
+            case MapWalkSeen():
+                return replace(device, map_walk=message)
             case Pong():
                 clock = self._clocks[device.device_id]
                 clock.add(message.console_sent_s, message.device_received_s, message.device_sent_s, now_s)

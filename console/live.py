@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from navcore.settings import SettingValue
-from navcore.wire import DepthImage, Event, Hello, RouteChanged, WalkerState
+from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, WalkerState
 
 DELAYED_AFTER_S = 1.0
 STALE_AFTER_S = 5.0
@@ -16,7 +16,9 @@ EVENTS_KEPT_COUNT = 200
 COMMANDS_KEPT_COUNT = 30
 
 
-CommandKind = Literal["set_destination", "clear", "pause", "resume", "repeat", "say", "apply_settings"]
+CommandKind = Literal[
+    "set_destination", "clear", "pause", "resume", "repeat", "say", "apply_settings", "begin_map_walk", "end_map_walk"
+]
 
 
 class Freshness(enum.Enum):
@@ -85,6 +87,11 @@ class LiveDevice:
     map_refusal: str = ""
     map_waiting: str = ""
     """Checksum of a newer map that the device holds, and takes as soon as nobody is led; empty where none waits."""
+    map_walk_running: bool = False
+    map_walk_refusal: str = ""
+    """Why the device does not do what was asked of its map walk last."""
+    map_walk: MapWalkSeen | None = None
+    """How well the building was seen last, in the map walk that runs or in the last one."""
     commands: tuple[Command, ...] = field(default=())
     """The latest, oldest first."""
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Any
 
 from console.live import LiveDevice
+from navcore.cues.texts import TEXTS
 from navcore.types import Reason
 
 EVENTS_SHOWN_COUNT = 30
@@ -45,6 +46,11 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
         "map_checksum": device.map_checksum,
         "map_refusal": device.map_refusal,
         "map_waiting": device.map_waiting,
+        "map_walk": {
+            "running": device.map_walk_running,
+            "refusal": device.map_walk_refusal,
+            "seen": _map_walk_view(device, now_s),
+        },
     }
 
 
@@ -58,6 +64,30 @@ def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     view["mode_label"], view["mode_sentence"] = state.mode.label, state.mode.sentence
     view["last_cue_age_s"] = device.age_of(cue_stamp_s, now_s) if cue_stamp_s is not None else None
     return view
+
+
+def _map_walk_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+    seen = device.map_walk
+    if seen is None:
+        return None
+    told_s = seen.last_advice_stamp_s
+    return {
+        "age_s": device.age_of(seen.stamp_s, now_s),
+        "recorded_s": seen.recorded_s,
+        "frame_count": seen.frame_count,
+        "place_count": seen.place_count,
+        "landmark_count": seen.landmark_count,
+        "loop_count": seen.loop_count,
+        "weak_s": seen.weak_s,
+        "troubles": [advice_sentence(each) for each in seen.troubles],
+        "last_advice": advice_sentence(seen.last_advice) if seen.last_advice else "",
+        "last_advice_age_s": None if told_s is None else device.age_of(told_s, now_s),
+    }
+
+
+def advice_sentence(advice: str) -> str:
+    """Return an advice of the wire in words; one that this program does not know as it came."""
+    return TEXTS["en"].get(f"map_walk_{advice}", advice)
 
 
 def _route_view(device: LiveDevice) -> dict[str, Any] | None:

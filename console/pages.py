@@ -16,6 +16,7 @@ PAGES = {
     "/": "console.html",
     "/pois": "pois.html",
     "/settings": "settings.html",
+    "/map-walks": "map-walks.html",
     "/admin": "admin.html",
 }
 

@@ -17,6 +17,8 @@ EDITING: frozenset[Role] = frozenset({"editor", "admin"})
 """Who may change the PoI-graph, publish it, and lead the walker."""
 TUNING: frozenset[Role] = frozenset({"technician", "admin"})
 """Who may change settings of a device."""
+MAPPING: frozenset[Role] = EDITING | TUNING
+"""Who may have a building recorded, and maps built."""
 MANAGING: frozenset[Role] = frozenset({"admin"})
 """Who may manage people and devices."""
 

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from console.roles import EDITING, MANAGING, SIGNED_IN, TUNING, Role
+from console.roles import EDITING, MANAGING, MAPPING, SIGNED_IN, TUNING, Role
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +30,7 @@ DEVICES = Rule("devices")
 EVERYBODY = Rule("people", SIGNED_IN)
 EDITORS = Rule("people", EDITING)
 TECHNICIANS = Rule("people", TUNING)
+MAPPERS = Rule("people", MAPPING)
 ADMINS = Rule("people", MANAGING)
 
 RULES: Mapping[tuple[str, str], Rule] = {
@@ -42,6 +43,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/"): EVERYBODY,
     ("GET", "/pois"): EVERYBODY,
     ("GET", "/settings"): EVERYBODY,
+    ("GET", "/map-walks"): MAPPERS,
     ("GET", "/admin"): ADMINS,
     # Signing in and out.
     ("POST", "/api/sign-in"): ANYONE,
@@ -72,6 +74,11 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
+    # Map walks, and what was recorded of them.
+    ("POST", "/api/devices/{device_id}/map-walk/begin"): MAPPERS,
+    ("POST", "/api/devices/{device_id}/map-walk/end"): MAPPERS,
+    ("GET", "/api/recordings"): MAPPERS,
+    ("POST", "/api/recordings/{sha256}/map"): MAPPERS,
     # People and devices, managed.
     ("GET", "/api/users"): ADMINS,
     ("POST", "/api/users"): ADMINS,
@@ -84,4 +91,6 @@ RULES: Mapping[tuple[str, str], Rule] = {
     # Devices themselves.
     ("WS", "/device"): DEVICES,
     ("GET", "/api/device/map/{sha256}"): DEVICES,
+    ("POST", "/api/device/recordings"): DEVICES,
+    ("PUT", "/api/device/recordings/{sha256}"): DEVICES,
 }

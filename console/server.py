@@ -80,6 +80,7 @@ class ConsoleServer:
         finally:
             self._stop_scene()
             self._socket.close()
+            self.services.builds.close()
             self.services.store.close()
 
     def start(self) -> Ready:

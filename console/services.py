@@ -9,8 +9,10 @@ from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.hub import DeviceHub
 from console.live import Command
+from console.map_builds import MapBuilds
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
+from console.recordings import Recordings
 from console.sockets import SessionSockets
 from console.store import Store
 from console.tuning import Tuning
@@ -34,6 +36,10 @@ class Services:
     package: MapPackage
     tuning: Tuning
     """The one way to change settings of a device: checked, numbered, audited."""
+    recordings: Recordings
+    """What devices have sent."""
+    builds: MapBuilds
+    """Maps that are built of these."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -57,4 +63,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     accounts = Accounts(store, hub.now_s, session_ended)
     devices = DeviceStore(store)
     tuning = Tuning(devices, hub)
-    return Services(config, store, accounts, devices, model, hub, views, sockets, package, tuning)
+    recordings = Recordings(config.data_folder / "recordings", store.wall_s)
+    builds = MapBuilds(recordings, config.data_folder / "maps")
+    return Services(
+        config, store, accounts, devices, model, hub, views, sockets, package, tuning, recordings, builds
+    )  # fmt: skip

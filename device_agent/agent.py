@@ -62,7 +62,7 @@ from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
-from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, SettingsRunning
+from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning, SettingsRunning
 
 MAX_WAITING_ORDERS = 256
 _PAUSE_WITHOUT_CAMERA_S = 0.05
@@ -176,6 +176,7 @@ class DeviceAgent:
         uplink.message(SettingsRunning(state.settings_revision, state.settings.values()))
         uplink.message(GraphRunning(state.graph.version))
         uplink.message(MapRunning(state.map_checksum))
+        uplink.message(MapWalkRunning(state.purpose is Mode.MAPPING))
 
     # -------------------------------------------------------------------------------------------------- loop
     def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:

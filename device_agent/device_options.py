@@ -56,6 +56,11 @@ class DeviceOptions:
     """What is recorded of the walk; nothing where it is None."""
 
     @property
+    def map_walks(self) -> Path:
+        """Folder of the map walks."""
+        return self.state / "map-walks"
+
+    @property
     def simulated(self) -> bool:
         """Whether the device walks in the simulated building."""
         return self.recording is None and self.camera is None

@@ -10,6 +10,8 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 
+import msgspec
+
 from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
@@ -27,7 +29,7 @@ from device_agent.map_download import staging_folder
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.orders import Lead, Order
 from device_agent.places import find_place
-from device_agent.ports import Clock, LocalizerPort
+from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
@@ -48,7 +50,7 @@ from navcore.settings import Settings
 from navcore.site import Site, map_checksum
 from navcore.site_files import MANIFEST
 from navcore.types import Frame
-from navcore.wire import Say
+from navcore.wire import MapWalkSeen, Say
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
@@ -91,7 +93,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             # The simulated world waits for a slow loop.
             plans_load=not options.simulated, locating=InLine if options.simulated else Beside,
         )  # fmt: skip
-        walks = _map_walks(options, hardware, lambda order: agent.submit(order))
+        walks = _map_walks(options, hardware, lambda order: agent.submit(order), uplink, paced)
         stack.callback(walks.close)
         rehearsed = _rehearse(hardware, localizer, settings)
         if rehearsed is not None:
@@ -172,9 +174,23 @@ def _rehearse(hardware: Hardware, localizer: LocalizerPort, settings: Settings) 
     return None
 
 
-def _map_walks(options: DeviceOptions, hardware: Hardware, submit: Callable[[Order], None]) -> DeviceMapWalks:
-    plan = WalkPlan(options.state / "map-walks", options.site, owns_map=options.console_url is None)
-    return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
+def _map_walks(
+    options: DeviceOptions,
+    hardware: Hardware,
+    submit: Callable[[Order], None],
+    uplink: Uplink,
+    paced: PacedClock | None,
+) -> DeviceMapWalks:
+    plan = WalkPlan(options.map_walks, options.site, owns_map=options.console_url is None)
+    if not isinstance(uplink, ConsoleLink):
+        return DeviceMapWalks(plan, hardware.camera.intrinsics, make_localizer, submit)
+
+    def show(seen: MapWalkSeen) -> None:
+        uplink.map_walk(seen if paced is None else msgspec.structs.replace(seen, stamp_s=paced.real_s(seen.stamp_s)))
+
+    return DeviceMapWalks(
+        plan, hardware.camera.intrinsics, make_localizer, submit, show=show, handed_over=uplink.recording_waits
+    )
 
 
 def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:
@@ -211,7 +227,7 @@ def _link(
     assert options.console_url is not None, "a journal is kept for a console alone"
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
-        seed=zlib.crc32(options.device_id.encode()),
+        seed=zlib.crc32(options.device_id.encode()), map_walks=options.map_walks,
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
     if kept.writable:

@@ -25,6 +25,7 @@ from device_agent.logged_uplink import log_event
 from device_agent.map_intake import MapIntake
 from device_agent.outbox import Outbox
 from device_agent.ports import Clock, EventKind, KeptMessage
+from device_agent.recording_uploads import RecordingUploads
 from device_agent.silhouette import silhouette_jpeg
 from navcore.errors import VbrError, VersionError, WireError
 from navcore.types import Frame
@@ -36,6 +37,7 @@ from navcore.wire import (
     DeviceMessage,
     EventConfirmed,
     MapAvailable,
+    MapWalkSeen,
     Ping,
     Pong,
     WalkerState,
@@ -49,6 +51,7 @@ from navcore.wire_row import Delivery
 _log = logging.getLogger(__name__)
 _STEADY_AFTER_S = 5.0
 _LEAST_WAIT_S = 0.02
+_QUIET_LOOK_S = 0.1
 _REFUSED_STATUS = (401, 403)
 _REFUSED_CODES = (1008, 4401, 4403)
 _UNREADABLE_CODE = 1007
@@ -82,12 +85,23 @@ class ConsoleLink:
         """Called in the link's thread when the link stands otherwise, or the clocks' offset is another."""
         self._loop = asyncio.new_event_loop()
         self._something_to_send = asyncio.Event()
+        self._something_to_upload = asyncio.Event()
+        self._sent_sequence = self._confirmed_sequence = 0
         self._thread = threading.Thread(target=self._run, name="link", daemon=True)
 
     # ------------------------------------------------------------------------------------------------ uplink
     def state(self, state: WalkerState) -> None:
         """Offer the newest state."""
-        self._outbox.offer_state(state)
+        self._outbox.offer(state)
+
+    def map_walk(self, seen: MapWalkSeen) -> None:
+        """Offer what the map walk that is being recorded sees."""
+        self._outbox.offer(seen)
+
+    def recording_waits(self) -> None:
+        """Note that there is another recording for the console's machine."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._something_to_upload.set)
 
     def depth_image(self, frame: Frame) -> None:
         """Offer the newest depth image."""
@@ -106,6 +120,9 @@ class ConsoleLink:
         """Begin to dial for a device, in a thread of its own."""
         self._device = device
         self._maps = MapIntake(self._settings, device, self.message, self._pause_s, self._wait)
+        self._uploads = RecordingUploads(
+            self._settings, self._something_to_upload, self._until_quiet, self._pause_s, self._wait, device.submit
+        )  # fmt: skip
         self._thread.start()
 
     def stop(self) -> None:
@@ -126,7 +143,7 @@ class ConsoleLink:
     def _run(self) -> None:
         asyncio.set_event_loop(self._loop)
         with contextlib.suppress(asyncio.CancelledError):
-            self._loop.run_until_complete(self._stay_joined())
+            self._loop.run_until_complete(self._work())
         self._loop.run_until_complete(self._loop.shutdown_default_executor())
         self._loop.close()
         self._stands(LinkCondition.STOPPED)
@@ -139,6 +156,23 @@ class ConsoleLink:
     def _wake_for_events(self) -> None:
         self._events_stored = True
         self._wake()
+
+    async def _work(self) -> None:
+        uploads = asyncio.create_task(self._uploads.run())
+        try:
+            await self._stay_joined()
+        finally:
+            await _ended(uploads)
+
+    # -------------------------------------------------------------------------------------------- recordings
+    async def _until_quiet(self) -> None:
+        """Return once the console is there, and has confirmed every event."""
+        while (
+            self.link_state.condition is not LinkCondition.JOINED
+            or self._events_stored
+            or self._confirmed_sequence < self._sent_sequence
+        ):
+            await asyncio.sleep(_QUIET_LOOK_S)
 
     # ---------------------------------------------------------------------------------------------- joining
     async def _stay_joined(self) -> None:
@@ -275,7 +309,7 @@ class ConsoleLink:
 
     # ---------------------------------------------------------------------------------------------- sending
     async def _send_all(self, socket: ClientConnection) -> None:
-        sent_sequence = 0
+        self._sent_sequence = self._confirmed_sequence = 0
         while True:
             self._something_to_send.clear()
             for delivery in _SENDING_ORDER:
@@ -283,9 +317,9 @@ class ConsoleLink:
                     case Delivery.KEPT:
                         await self._send_kept(socket)
                     case Delivery.CONFIRMED:
-                        sent_sequence = await self._send_events(socket, sent_sequence)
+                        await self._send_events(socket)
                     case Delivery.NEWEST:
-                        await self._send_state(socket)
+                        await self._send_newest(socket)
                     case _:
                         await self._send_image(socket)
             if not self._events_stored:
@@ -313,23 +347,21 @@ class ConsoleLink:
                 self._outbox.put_back(message)
                 raise
 
-    async def _send_events(self, socket: ClientConnection, sent_sequence: int) -> int:
+    async def _send_events(self, socket: ClientConnection) -> None:
         """Send some of the events that wait; after a long outage, the state goes in between."""
         if not self._events_stored:
-            return sent_sequence
+            return
         self._events_stored = False
-        events = await asyncio.to_thread(self._journal.pending, sent_sequence)
+        events = await asyncio.to_thread(self._journal.pending, self._sent_sequence)
         for event in events:
             await socket.send(encode(event))
-            sent_sequence = event.sequence
+            self._sent_sequence = event.sequence
         if events:
             self._events_stored = True
-        return sent_sequence
 
-    async def _send_state(self, socket: ClientConnection) -> None:
-        state = self._outbox.next_state(self._loop.time())
-        if state is not None:
-            await socket.send(encode(state))
+    async def _send_newest(self, socket: ClientConnection) -> None:
+        while (message := self._outbox.next_newest(self._loop.time())) is not None:
+            await socket.send(encode(message))
 
     async def _send_image(self, socket: ClientConnection) -> None:
         if self._events_stored or socket.transport.get_write_buffer_size() > 0:
@@ -358,6 +390,7 @@ class ConsoleLink:
                 return Pong(message.console_sent_s, received_s, self._clock.now_s())
             case EventConfirmed():
                 await asyncio.to_thread(self._journal.confirm, message.sequence)
+                self._confirmed_sequence = message.sequence
             case MapAvailable():
                 return self._maps.take(message)
             case Welcome():

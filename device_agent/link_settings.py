@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.wire import ConsoleMessage, Hello
 
@@ -22,7 +23,7 @@ class LinkedDevice(Protocol):
         """Return who calls and what it runs."""
         ...
 
-    def submit(self, order: ConsoleMessage) -> None:
+    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
         """Take an order; it is carried out between two frames."""
         ...
 
@@ -48,3 +49,5 @@ class LinkSettings:
     """How long the console may take to welcome, and to answer a ping."""
     seed: int = 0
     """Of the jitter of the pauses: another one for each device, lest all come back in the same instant."""
+    map_walks: Path | None = None
+    """Folder of the map walks, whose recordings go to the console's machine; None where there are none."""

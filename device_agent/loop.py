@@ -12,7 +12,7 @@ from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
 from device_agent.locating import Locator, Request
 from device_agent.motion import extended_trail
-from device_agent.mounting import expected_of, look_at_floor
+from device_agent.mounting import expected_of, look_at_floor, look_where_walked
 from device_agent.ports import Clock, DepthCamera, Sonar
 from device_agent.state import DeviceState, Effect, Happened, Notice, Step
 from device_agent.states import StateEvent, may_be_told
@@ -133,6 +133,8 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         expected = expected_of(state.calibration, frame)
         scan = ports.scan(frame.depth_m, intrinsics, place.level, settings.obstacle, expected)
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
+        effects += told
+        state, told = look_where_walked(state, located)
         effects += told
         state, sonar, told = _sonar(state, ports, frame.stamp_s)
         effects += told
@@ -310,7 +312,8 @@ def _as_mounted(state: DeviceState, guidance: Guidance) -> Guidance:
     """By a camera that is not where it was calibrated nobody is led."""
     if not state.mounting.moved:
         return guidance
-    return _stop_instead(guidance, Reason.CAMERA_MOVED, f"The camera has moved: {state.mounting.why}.")
+    reason = Reason.LOOKS_AWAY if state.mounting.by_posture else Reason.CAMERA_MOVED
+    return _stop_instead(guidance, reason, f"The camera has moved: {state.mounting.why}.")
 
 
 def _stopped(guidance: Guidance, rule: str) -> Guidance:

@@ -196,6 +196,7 @@ _BUILD_WORDS = {
     "cloud_points": "points of the cloud",
     "leveling": "levelling",
     "places": "places with names",
+    "places_lost": "places that were marked where the way was not known",
     "weak_m": "of the walk not seen well, m",
     "ms_per_frame": "computing time per frame, ms",
     "ate_rmse_m": "error against the ground truth (ATE RMSE), m",
@@ -220,5 +221,5 @@ def _print(as_json: bool, answer: dict[str, Any], words: dict[str, str]) -> None
         sys.stdout.write("\n")
         return
     for name, text in words.items():
-        if name in answer:
+        if answer.get(name, "") != "":
             sys.stdout.write(f"{text + ':':<50} {answer[name]}\n")

@@ -20,6 +20,7 @@ WORDS = {
     "known_moved_m": "largest correction of the map that was there, m",
     "session_road_m": "road of this session, m",
     "places_added": "places added",
+    "places_lost": "places that were marked where the way was not known",
     "points_read": "points read",
 }
 SITE_WORDS = {
@@ -161,7 +162,7 @@ def keep(growth: Growth, arguments: argparse.Namespace) -> int:
         return 0
     for words, values in ((WORDS, growth.figures), (SITE_WORDS, growth.site.report)):
         for name, text in words.items():
-            if name in values:
+            if values.get(name, "") != "":
                 sys.stdout.write(f"{text + ':':<50} {values[name]}\n")
     if growth.off_road or growth.lost_edges:
         sys.stderr.write(

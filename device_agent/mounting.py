@@ -2,14 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from device_agent.state import DeviceState, Effect, Happened, Notice
 from navcore.calibration import Calibration
 from navcore.cues.texts import TEXTS
+from navcore.obstacle.facing import faced
 from navcore.obstacle.levelling import Expected
-from navcore.obstacle.mounting import LOOK_EVERY_S, FloorFinder, floor_difference, independent_up, watched
-from navcore.types import CameraIntrinsics, Frame, Localization
+from navcore.obstacle.mounting import (
+    LOOK_EVERY_S,
+    FloorFinder,
+    MountingWatch,
+    floor_difference,
+    independent_up,
+    watched,
+)
+from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
 
 
 def expected_of(calibration: Calibration, frame: Frame) -> Expected | None:
@@ -29,17 +38,46 @@ def look_at_floor(
     up = independent_up(calibrated, frame.gravity, located)
     difference = None if seen is None else floor_difference(seen, calibrated, up)
     watch = watched(state.mounting, difference, frame.stamp_s, state.settings.calibration)
-    told = _news(state, was_moved=state.mounting.moved, moved=watch.moved, why=watch.why)
+    told = _news(state, watch)
     return replace(state, mounting=watch), told
 
 
-def _news(state: DeviceState, *, was_moved: bool, moved: bool, why: str) -> tuple[Effect, ...]:
-    if moved == was_moved:
+def look_where_walked(state: DeviceState, located: Localization) -> tuple[DeviceState, tuple[Effect, ...]]:
+    """Compare the way that is walked with where the camera looks; return what to remember, and what there is to tell.
+
+    It stops nobody: it may be the head that is turned, and only who walks on can hear that it is straight again.
+    """
+    pose = located.pose if located.quality is LocalizationQuality.LOCALIZED else None
+    watch = faced(state.facing, located.stamp_s, pose, state.settings.calibration)
+    was_turned = state.facing.turned
+    state = replace(state, facing=watch)
+    if watch.turned == was_turned:
+        return state, ()
+    texts = TEXTS[state.settings.cues.language]
+    if not watch.turned:
+        return state, (
+            Happened("sensor", "The camera looks where the walker walks again."),
+            Notice(texts["looks_ahead"]),
+        )
+    side = "left" if watch.offset_rad > 0 else "right"
+    degrees = f"{abs(math.degrees(watch.offset_rad)):.0f}°"
+    happened = f"The camera has turned: it looks {degrees} to the {side} of where the walker walks. Put it right."
+    return state, (Happened("sensor", happened), Notice(texts[f"looks_{side}"]))
+
+
+def _news(state: DeviceState, watch: MountingWatch) -> tuple[Effect, ...]:
+    if watch.moved == state.mounting.moved:
         return ()
     texts = TEXTS[state.settings.cues.language]
-    if not moved:
+    if not watch.moved:
         happened = Happened("sensor", "The camera sees the floor as it was calibrated again.")
         return happened, Notice(texts["camera_agrees"])
-    happened = Happened("sensor", f"The camera has moved: it is {why}. Put it right, or run `vbr calibrate floor`.")
+    happened = Happened(
+        "sensor", f"The camera has moved: it is {watch.why}. Put it right, or run `vbr calibrate floor`."
+    )
     # Whoever is led hears it with the stop.
-    return (happened,) if state.leading else (happened, Notice(texts["camera_moved"]))
+    return (
+        (happened,)
+        if state.leading
+        else (happened, Notice(texts["look_ahead" if watch.by_posture else "camera_moved"]))
+    )

@@ -31,8 +31,10 @@ from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
     ApplySettings,
+    BeginMapWalk,
     ClearDestination,
     ConsoleMessage,
+    EndMapWalk,
     GraphRunning,
     MapRunning,
     Pause,
@@ -57,6 +59,15 @@ Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
 _JUST_AHEAD_M = 0.3
 _OF_THE_MAP_BEFORE = Outdated(frozenset({CueKind.MAP_NEWS, CueKind.MAP_ADVICE, CueKind.ANSWER}))
 """That there is no map, or how far it is built, is no longer true of a new one; nor is where a place is in the old."""
+_WISHES: dict[type[ConsoleMessage], StateEvent] = {
+    ClearDestination: StateEvent.STOP,
+    Pause: StateEvent.PAUSE,
+    Resume: StateEvent.RESUME,
+    Repeat: StateEvent.REPEAT,
+    BeginMapWalk: StateEvent.MAP_ORDERED,
+    EndMapWalk: StateEvent.MAP_ENDED,
+}
+"""What is wished for with an order that says nothing else."""
 
 
 def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkTold | Lead, now_s: float) -> Step:
@@ -66,14 +77,8 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkT
             return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id)
         case SetDestination():
             return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id, by=By.CONSOLE)
-        case ClearDestination():
-            return happen(state, StateEvent.STOP, now_s, by=By.CONSOLE)
-        case Pause():
-            return happen(state, StateEvent.PAUSE, now_s, by=By.CONSOLE)
-        case Resume():
-            return happen(state, StateEvent.RESUME, now_s, by=By.CONSOLE)
-        case Repeat():
-            return happen(state, StateEvent.REPEAT, now_s, by=By.CONSOLE)
+        case ClearDestination() | Pause() | Resume() | Repeat() | BeginMapWalk() | EndMapWalk():
+            return happen(state, _WISHES[type(order)], now_s, by=By.CONSOLE)
         case Say():
             return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
         case ApplySettings():

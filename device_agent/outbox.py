@@ -1,7 +1,7 @@
 """What waits to be sent to the console, and in which order it goes.
 
-What is kept goes in order; of states and depth images the newest is sent, as often as the message table allows
-(:data:`navcore.wire.MESSAGES`). Nothing here grows without bound, and no method waits.
+What is kept goes in order; of states, of what a map walk sees, and of depth images the newest is sent, as often as the
+message table allows (:data:`navcore.wire.MESSAGES`). Nothing here grows without bound, and no method waits.
 """
 
 from __future__ import annotations
@@ -12,14 +12,18 @@ from collections.abc import Callable
 
 from device_agent.ports import KeptMessage
 from navcore.types import Frame
-from navcore.wire import MESSAGES, DepthImage, WalkerState
+from navcore.wire import MESSAGES, DepthImage, MapWalkSeen, WalkerState
 from navcore.wire_pace import Pace
 
 MAX_KEPT = 256
 """More than these are not kept while there is no link: the newest of each kind is told at the joining in any case."""
 
 
-def _pace_of(message: type[WalkerState] | type[DepthImage]) -> Pace:
+Newest = WalkerState | MapWalkSeen
+"""What is replaced by the next of its kind while it is not sent yet."""
+
+
+def _pace_of(message: type[Newest] | type[DepthImage]) -> Pace:
     rate_hz = MESSAGES[message].rate_hz
     assert rate_hz is not None
     return Pace(rate_hz)
@@ -34,9 +38,10 @@ class Outbox:
         self._lock = threading.Lock()
         self._kept: deque[KeptMessage] = deque(maxlen=MAX_KEPT)
         self._latest: dict[type, KeptMessage] = {}
-        self._state: WalkerState | None = None
+        self._newest: dict[type[Newest], Newest] = {}
+        self._paces = {kind: _pace_of(kind) for kind in (WalkerState, MapWalkSeen)}
         self._frame: Frame | None = None
-        self._state_pace, self._frame_pace = _pace_of(WalkerState), _pace_of(DepthImage)
+        self._frame_pace = _pace_of(DepthImage)
 
     def keep(self, message: KeptMessage) -> None:
         """Add a message that is kept until it is sent, and of which the newest of its kind is sent at each joining."""
@@ -45,10 +50,10 @@ class Outbox:
             self._latest[type(message)] = message
         self.on_filled()
 
-    def offer_state(self, state: WalkerState) -> None:
-        """Replace the state that is not sent yet."""
+    def offer(self, message: Newest) -> None:
+        """Replace the message of this kind that is not sent yet."""
         with self._lock:
-            self._state = state
+            self._newest[type(message)] = message
         self.on_filled()
 
     def offer_frame(self, frame: Frame) -> None:
@@ -63,7 +68,8 @@ class Outbox:
             waiting = {type(message) for message in self._kept}
             missed = [message for kind, message in self._latest.items() if kind not in waiting]
             self._kept.extendleft(reversed(missed))
-            self._state = self._frame = None
+            self._newest.clear()
+            self._frame = None
 
     def next_kept(self) -> KeptMessage | None:
         """Take the oldest kept message."""
@@ -76,14 +82,14 @@ class Outbox:
             if len(self._kept) < MAX_KEPT:
                 self._kept.appendleft(message)
 
-    def next_state(self, now_s: float) -> WalkerState | None:
-        """Take the newest state when one is due."""
+    def next_newest(self, now_s: float) -> Newest | None:
+        """Take a newest message that is due."""
         with self._lock:
-            if self._state is None or self._state_pace.wait_s(now_s) > 0:
-                return None
-            self._state_pace.went(now_s)
-            state, self._state = self._state, None
-            return state
+            for kind, pace in self._paces.items():
+                if kind in self._newest and pace.wait_s(now_s) <= 0:
+                    pace.went(now_s)
+                    return self._newest.pop(kind)
+        return None
 
     def next_frame(self, now_s: float) -> Frame | None:
         """Take the newest depth image when one is due."""
@@ -95,8 +101,8 @@ class Outbox:
             return frame
 
     def wait_s(self, now_s: float) -> float | None:
-        """Return how long until a state or an image that waits is due; None when none waits."""
+        """Return how long until a newest message or an image that waits is due; None when none waits."""
         with self._lock:
-            waits = [self._state_pace.wait_s(now_s)] if self._state is not None else []
+            waits = [self._paces[kind].wait_s(now_s) for kind in self._newest]
             waits += [self._frame_pace.wait_s(now_s)] if self._frame is not None else []
         return max(0.0, min(waits)) if waits else None

@@ -15,9 +15,9 @@ from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, FisheyeImage, Frame, Localization, SonarReading
-from navcore.wire import GraphRunning, MapRunning, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import GraphRunning, MapRunning, MapWalkRunning, RouteChanged, SettingsRunning, WalkerState
 
-KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning
+KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning | MapWalkRunning
 """What tells the console which of its orders runs."""
 EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
 

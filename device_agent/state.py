@@ -14,6 +14,7 @@ from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS, Language
 from navcore.modes import Mode
 from navcore.obstacle.approach import RecentScans
+from navcore.obstacle.facing import FacingWatch
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.obstacle.mounting import MountingWatch
 from navcore.planning.poi_graph import PoiGraph
@@ -119,6 +120,8 @@ class DeviceState:
     """What has been measured of these glasses."""
     mounting: MountingWatch = field(default_factory=MountingWatch)
     """Whether the camera is still where it was calibrated."""
+    facing: FacingWatch = field(default_factory=FacingWatch)
+    """Whether the camera looks where the walker walks."""
     obstacles: ObstacleMemory = field(default_factory=ObstacleMemory)
     """What was in the way a moment ago and may be out of the image now."""
     heard: ObstacleMemory = field(default_factory=ObstacleMemory)

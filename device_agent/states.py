@@ -27,6 +27,7 @@ class StateEvent(enum.Enum):
     REPEAT = "repeat"
     WHERE = "where am I"
     MAP_BEGUN = "map walk begun"
+    MAP_ORDERED = "map walk ordered"
     MARK = "place marked"
     MAP_ENDED = "map walk ended"
     MAP_FAILED = "map walk failed"
@@ -49,8 +50,9 @@ EVENT_SOURCES: dict[StateEvent, str] = {
     StateEvent.REPEAT: "button, or console (Repeat)",
     StateEvent.WHERE: "button",
     StateEvent.MAP_BEGUN: "button: *next*, after a map walk was offered",
+    StateEvent.MAP_ORDERED: "console (BeginMapWalk)",
     StateEvent.MARK: "button",
-    StateEvent.MAP_ENDED: "nothing by itself: *stop* ends a map walk",
+    StateEvent.MAP_ENDED: "console (EndMapWalk); *stop* ends a map walk as well",
     StateEvent.MAP_FAILED: "recording: the disk is full, or takes nothing",
     StateEvent.POSE_FOUND: "localization is sure; of whoever is led: guidance knows again where they are",
     StateEvent.POSE_LOST: "localization is lost; of whoever is led: guidance holds them, not knowing where they are",
@@ -65,7 +67,7 @@ WISHES = frozenset(
     {
         StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP, StateEvent.OFF_DUTY, StateEvent.DESTINATION,
         StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME, StateEvent.REPEAT, StateEvent.WHERE,
-        StateEvent.MAP_BEGUN, StateEvent.MARK, StateEvent.MAP_ENDED,
+        StateEvent.MAP_BEGUN, StateEvent.MAP_ORDERED, StateEvent.MARK, StateEvent.MAP_ENDED,
     }
 )  # fmt: skip
 """What a person asks for: only this is ever refused. The other events are findings."""
@@ -147,13 +149,14 @@ _NOBODY_LED = (
         StateEvent.OFF_DUTY: Transition(Mode.OFF_DUTY, StateAction.END_WAY, "off_duty"),
         StateEvent.DESTINATION: Transition(Mode.GUIDING, StateAction.SET_OUT, "destination"),
         StateEvent.MAP_BEGUN: Transition(Mode.MAPPING, StateAction.BEGIN_MAP, "map_begun"),
+        StateEvent.MAP_ORDERED: Transition(Mode.MAPPING, StateAction.BEGIN_MAP, "map_begun"),
     }
 )  # fmt: skip
 _LED = (
     _STAY_IN_ALL | _FAILS | _TELLS
     | _refusals(
         on_duty=(StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP),
-        led=(StateEvent.OFF_DUTY, StateEvent.MAP_BEGUN),
+        led=(StateEvent.OFF_DUTY, StateEvent.MAP_BEGUN, StateEvent.MAP_ORDERED),
         not_paused=(StateEvent.RESUME,),
         no_map_walk=(StateEvent.MARK, StateEvent.MAP_ENDED),
     )
@@ -168,6 +171,8 @@ STATES: dict[Mode, StateEntry] = {
             off_duty=(
                 StateEvent.OFF_DUTY, StateEvent.DESTINATION, StateEvent.STOP, StateEvent.PAUSE, StateEvent.RESUME,
                 StateEvent.WHERE, StateEvent.MARK, StateEvent.MAP_ENDED,
+                # Off duty nothing of what the camera sees leaves the device, unless whoever wears it wants it.
+                StateEvent.MAP_ORDERED,
             ),
             no_map=(StateEvent.ON_DUTY_WITHOUT_MAP,),
         )
@@ -182,7 +187,7 @@ STATES: dict[Mode, StateEntry] = {
         | _refusals(
             mapping=(
                 StateEvent.ON_DUTY, StateEvent.ON_DUTY_WITHOUT_MAP, StateEvent.OFF_DUTY, StateEvent.DESTINATION,
-                StateEvent.PAUSE, StateEvent.RESUME, StateEvent.WHERE, StateEvent.MAP_BEGUN,
+                StateEvent.PAUSE, StateEvent.RESUME, StateEvent.WHERE, StateEvent.MAP_BEGUN, StateEvent.MAP_ORDERED,
             ),
         )
         | {

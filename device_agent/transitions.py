@@ -16,7 +16,7 @@ from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.obstacle.memory import ObstacleMemory
-from navcore.wire import RouteChanged
+from navcore.wire import MapWalkRunning, RouteChanged
 
 
 class By(enum.Enum):
@@ -58,12 +58,15 @@ def happen(
         said = (Notice(_words(state, transition, poi_id, by), answers=True),)
     if transition.refused:
         return state, (*said, *_refusal(state, event, now_s))
+    was_mapping = purpose is Mode.MAPPING
     state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal))
     if state.purpose is not purpose and event not in _TOLD_OTHERWISE and transition.action is not StateAction.SET_OUT:
         effects = (mode_event(state), *effects)
     if purpose is Mode.MAPPING and state.purpose is not purpose and event is not StateEvent.MAP_FAILED:
         # Advice to who records holds while they do; that recording has failed is said as it ends.
         effects = (Outdated(frozenset({CueKind.MAP_ADVICE})), *effects)
+    if was_mapping is not (state.purpose is Mode.MAPPING):
+        effects = (MapWalkRunning(not was_mapping), *effects)
     return state, (*said, *effects)
 
 
@@ -99,6 +102,8 @@ def _refusal(state: DeviceState, event: StateEvent, now_s: float) -> tuple[Effec
     happened = Happened("mode", f"Refused: {event.value}. {why}")
     if event is StateEvent.DESTINATION:
         return happened, RouteChanged(now_s, refusal=why)
+    if event in (StateEvent.MAP_ORDERED, StateEvent.MAP_ENDED):
+        return happened, MapWalkRunning(state.purpose is Mode.MAPPING, why)
     return (happened,)
 
 

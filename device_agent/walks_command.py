@@ -9,7 +9,7 @@ import sys
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from navcore.errors import InputError
 
@@ -49,6 +49,17 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     repair.add_argument("file", type=Path, metavar="FILE", help="a file that a crash or a bad disk has damaged")
     repair.add_argument("target", type=Path, metavar="OUT", help="the new file")
     repair.set_defaults(run=_repair)
+    send = actions.add_parser(
+        "send",
+        help="send a recorded walk, or the recording of a map walk, to the console's machine",
+        description="Send a recorded walk (FILE.mcap), or the recording of a map walk (a folder), to the console's"
+        " machine. What was broken off goes on where it was.",
+    )
+    send.add_argument("file", type=Path, metavar="FILE", help="a file of a walk, or a recording's folder")
+    send.add_argument("--console", required=True, metavar="URL", help="ws://127.0.0.1:PORT or wss://HOST:PORT")
+    send.add_argument("--token-file", type=Path, required=True, metavar="FILE", help="holds the console's token")
+    send.add_argument("--ca-file", type=Path, metavar="FILE", help="certificate of a console that has its own")
+    send.set_defaults(run=_send)
 
 
 def _list(arguments: argparse.Namespace) -> int:
@@ -270,4 +281,32 @@ def _repair(arguments: argparse.Namespace) -> int:
         raise InputError(f"{arguments.target} cannot be written ({error.strerror}): name another file.") from error
     found = f"It is damaged ({part.damage})" if part.damage else "It was whole"
     print(f"{found}; what is whole is in {arguments.target}.")  # noqa: T201 - the command's answer
+    return 0
+
+
+def _send(arguments: argparse.Namespace) -> int:
+    import asyncio
+
+    from device_agent.device_command import checked_console_url, read_ca_file, read_token
+    from device_agent.map_download import MapSource
+    from device_agent.map_walk.walk_folder import STATE_FILE
+    from device_agent.progress import progress_bar
+    from device_agent.recording_upload import send_recording
+    from navcore.recording_archive import RecordingArchive
+    from navcore.recording_upload import RecordingOffer
+
+    console = MapSource(
+        checked_console_url(arguments.console), read_token(arguments.token_file), read_ca_file(arguments.ca_file)
+    )
+    source: Path = arguments.file
+    archive = RecordingArchive(source, {STATE_FILE})
+    kind: Literal["recording", "walk"] = "recording" if source.is_dir() else "walk"
+    offer = RecordingOffer(kind, source.resolve().stem[:120], archive.size_bytes, archive.sha256())
+
+    async def at_once() -> None:
+        """Nothing here is more urgent."""
+
+    with progress_bar("Sending") as progress:
+        asyncio.run(send_recording(archive, offer, console, at_once, progress))
+    print(f"{source} is on the console's machine, as {offer.name}.")  # noqa: T201 - the command's answer
     return 0

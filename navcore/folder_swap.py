@@ -38,7 +38,7 @@ def swap_in(fresh: Path, folder: Path, keep: Path | None = None) -> None:
             recover(folder)
             if attempt == _ATTEMPTS - 1 or not fresh.exists():
                 raise
-    _sync(folder.parent)
+    sync_path(folder.parent)
     if keep is not None:
         keep_aside(folder, keep)
     shutil.rmtree(aside(folder), ignore_errors=True)
@@ -62,11 +62,12 @@ def recover(folder: Path) -> None:
 def sync_tree(folder: Path) -> None:
     """See that everything in a folder is on the disk, not only in its cache."""
     for path in sorted(folder.rglob("*")):
-        _sync(path)
-    _sync(folder)
+        sync_path(path)
+    sync_path(folder)
 
 
-def _sync(path: Path) -> None:
+def sync_path(path: Path) -> None:
+    """See that a file, or the names in a folder, are on the disk. Raises OSError."""
     handle = os.open(path, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -160,6 +160,10 @@ class CalibrationSettings(_Group):
     posture_after_s: float = _setting(5.0, 2.0, 60.0, step=1.0, source="a look at one's feet is shorter", safety=True)
     """How long the camera must look higher, lower or more aslant than when calibrated, on the average of a stride,
     where only the head might."""
+    yaw_tolerance_deg: float = _setting(15.0, 8.0, 45.0, step=1.0, source="what sounds like straight ahead is 10°")
+    """The camera may look so far aside of where the walker walks before they are told."""
+    turned_after_m: float = _setting(6.0, 3.0, 30.0, step=1.0, source="design")
+    """So far must be walked straight on before the camera is said to look aside."""
 
 
 class CueSettings(_Group):

@@ -18,7 +18,7 @@ from navcore.settings import LocalizationSettings
 from navcore.site import Site
 from navcore.site_growth import recording_session
 from navcore.slam.map_build import MapBuild, Progress, build_map
-from navcore.tagging import graph_from_marks
+from navcore.tagging import graph_from_marks, lost_marks
 from navcore.weak_stretches import Trouble, read_coverage, weak_stretches
 
 
@@ -40,7 +40,7 @@ def build_site(
     session = recording_session(recording, default_name(recording.folder), date)
     troubles = read_coverage(recording.folder / COVERAGE_FILE)
     built = build_map(recording, settings.feature_count, progress, executor=executor)
-    graph = _named_places(marks, built)
+    graph, lost = _named_places(marks, built)
     site = Site(
         site_id=_site_id(built),
         name=name,
@@ -50,7 +50,7 @@ def build_site(
         cloud_points_m=built.cloud.points_m,
         cloud_colours_rgb=built.cloud.colours_rgb,
         poi_graph=graph,
-        report=figures(built) | _walk_figures(graph, troubles, built),
+        report=figures(built) | _walk_figures(graph, lost, troubles, built),
         sessions=(session,),
         cloud_weights=built.cloud.weights,
         cloud_view_counts=built.cloud.view_counts,
@@ -59,12 +59,16 @@ def build_site(
     return site, built
 
 
-def _named_places(marks: Sequence[Mark], built: MapBuild) -> PoiGraph:
-    if not marks or not built.roads_m:
-        return PoiGraph()
+def _named_places(marks: Sequence[Mark], built: MapBuild) -> tuple[PoiGraph, tuple[str, ...]]:
+    """Return the places that were named, and the names of those that nobody knows where to put."""
+    if not marks:
+        return PoiGraph(), ()
+    if not built.roads_m:
+        return PoiGraph(), tuple(mark.name for mark in marks)
     slam_map = built.slam_map
+    walked = slam_map.trajectory_stamp_s, slam_map.trajectory[:, :3, 3]
     network = RoadNetwork.from_roads(built.roads_m)
-    return graph_from_marks(marks, slam_map.trajectory_stamp_s, slam_map.trajectory[:, :3, 3], network)
+    return graph_from_marks(marks, *walked, network), lost_marks(marks, *walked, network)
 
 
 def figures(built: MapBuild) -> dict[str, float | int | str]:
@@ -81,12 +85,13 @@ def figures(built: MapBuild) -> dict[str, float | int | str]:
     }
 
 
-def _walk_figures(graph: PoiGraph, troubles: Sequence[Trouble], built: MapBuild) -> dict[str, Any]:
+def _walk_figures(graph: PoiGraph, lost: Sequence[str], troubles: Sequence[Trouble], built: MapBuild) -> dict[str, Any]:
     """Return what else a person wants to know: how many places have names, and where the walk was not seen well."""
     slam_map = built.slam_map
     stretches = weak_stretches(troubles, slam_map.trajectory_stamp_s, slam_map.trajectory[:, :3, 3])
     return {
         "places": sum(poi.kind != "junction" for poi in graph.pois.values()),
+        "places_lost": ", ".join(lost),
         "weak_m": round(sum(stretch.length_m for stretch in stretches), 1),
         "weak_stretches": [
             {

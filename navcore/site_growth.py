@@ -30,7 +30,7 @@ from navcore.slam.dense_cloud import CEILING_M, DenseCloud
 from navcore.slam.map_build import MapExtension, Progress, extend_map, length_of_roads_m, roads_of
 from navcore.slam.session_removal import renumbered, separated_by_removal, without_key_frames
 from navcore.slam.slam_map import SlamMap
-from navcore.tagging import places_to_add
+from navcore.tagging import lost_marks, places_to_add
 
 _STANDING_M = 1.0
 """Height at which a place moves with the key frames around it."""
@@ -101,7 +101,7 @@ def extend_site(
     )
     slam_map = extension.joined.slam_map
     roads, road_sessions = _roads_after(site, slam_map, extension.joined.known, number)
-    carried = _graph_after(site, extension, marks, roads)
+    carried, lost = _graph_after(site, extension, marks, roads)
     grown = replace(
         with_cloud(site, extension.cloud),
         map_arrays=slam_map.to_arrays(),
@@ -119,6 +119,7 @@ def extend_site(
         "known_moved_m": round(extension.joined.known.largest_step_m, 4),
         "session_road_m": round(new_road_m, 2),
         "places_added": len(carried.graph.pois) - len(site.poi_graph.pois),
+        "places_lost": ", ".join(lost),
     }
     return growth_of(grown, slam_map, figures, carried, extension)
 
@@ -166,7 +167,10 @@ def _moved_places(known: Deformation, places_m: FloatArray) -> FloatArray:
     return known.moved(standing)[:, :2]
 
 
-def _graph_after(site: Site, extension: MapExtension, marks: Sequence[Mark], roads: tuple[FloatArray, ...]) -> Carried:
+def _graph_after(
+    site: Site, extension: MapExtension, marks: Sequence[Mark], roads: tuple[FloatArray, ...]
+) -> tuple[Carried, tuple[str, ...]]:
+    """Return the graph with the new places, and the names of those that nobody knows where to put."""
     joined = extension.joined
     before, network = RoadNetwork.from_roads(site.roads_m), RoadNetwork.from_roads(roads)
     graph = site.poi_graph
@@ -174,15 +178,9 @@ def _graph_after(site: Site, extension: MapExtension, marks: Sequence[Mark], roa
     moved = dict(zip(graph.pois, map(_pair, _moved_places(joined.known, places)), strict=True))
     slam_map = joined.slam_map
     own = slam_map.trajectory_session == len(site.sessions)
-    added = places_to_add(
-        _placed(graph, moved),
-        marks,
-        slam_map.trajectory_stamp_s[own],
-        slam_map.trajectory[own, :3, 3],
-        before,
-        network,
-    )
-    return carried_over(graph, added, moved, before, network)
+    walked = slam_map.trajectory_stamp_s[own], slam_map.trajectory[own, :3, 3]
+    added = places_to_add(_placed(graph, moved), marks, *walked, before, network)
+    return carried_over(graph, added, moved, before, network), lost_marks(marks, *walked, network)
 
 
 def _pair(place: FloatArray) -> tuple[float, float]:

@@ -11,7 +11,7 @@ import numpy as np
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import add_poi, propose_edges
+from navcore.planning.edits import MAX_SNAP_DISTANCE_M, add_poi, propose_edges
 from navcore.planning.poi_graph import Poi, PoiGraph
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark
@@ -44,14 +44,25 @@ def graph_from_marks(
     return PoiGraph(1, graph.pois, graph.edges)
 
 
+def lost_marks(
+    marks: Sequence[Mark], stamps_s: FloatArray, positions_m: FloatArray, network: RoadNetwork
+) -> tuple[str, ...]:
+    """Return the names of the places that :func:`graph_from_marks` and :func:`places_to_add` leave out."""
+    return tuple(mark.name for mark in marks if _place_of(mark, stamps_s, positions_m, network) is None)
+
+
 def _place_of(
     mark: Mark, stamps_s: FloatArray, positions_m: FloatArray, network: RoadNetwork
 ) -> tuple[float, float] | None:
-    """Return where a place was named; None where the camera was not tracked."""
+    """Return where a place was named; None where the camera was not tracked, or no road is near."""
+    if network.is_empty or not len(stamps_s):
+        return None
     nearest = int(np.argmin(np.abs(stamps_s - mark.stamp_s)))
     if abs(float(stamps_s[nearest]) - mark.stamp_s) > MAX_MARK_GAP_S:
         return None
     x_m, y_m = (float(value) for value in positions_m[nearest, :2])
+    if network.nearest(x_m, y_m).distance_m > MAX_SNAP_DISTANCE_M:
+        return None
     return _at_junction(network, x_m, y_m) if mark.kind == "junction" else (x_m, y_m)
 
 

@@ -345,6 +345,7 @@ class Reason(enum.Enum):
     POSE_LOST = "pose_lost"
     SENSOR_STALE = "sensor_stale"
     CAMERA_MOVED = "camera_moved"
+    LOOKS_AWAY = "looks_away"
     ARRIVED = "arrived"
     NO_ROUTE = "no_route"
     PAUSED = "paused"
@@ -366,6 +367,7 @@ _REASON_SENTENCES = {
     Reason.POSE_LOST: "The place in the map is not known.",
     Reason.SENSOR_STALE: "A sensor has stopped delivering.",
     Reason.CAMERA_MOVED: "The camera has moved: the floor is not where the calibration has it.",
+    Reason.LOOKS_AWAY: "The walker looks too far down, up or aslant, or the camera has slipped.",
     Reason.ARRIVED: "The destination is reached.",
     Reason.NO_ROUTE: "No destination is set, or no way leads there.",
     Reason.PAUSED: "Guidance is paused.",

@@ -19,10 +19,11 @@ from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 
-PROTOCOL_VERSION = 3
+PROTOCOL_VERSION = 4
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
 3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told;
 a state tells how long the loop's stages take, and what is left out where they take too long.
+4: map walks are begun and ended from the console, and what is seen of the building is told.
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
@@ -168,6 +169,35 @@ class MapRunning(_Message, frozen=True, tag="map_running"):
     """A newer map that is here and checked, and is taken as soon as nobody is being led; empty where none waits."""
 
 
+class MapWalkRunning(_Message, frozen=True, tag="map_walk_running"):
+    """Whether a map walk is being recorded; also the answer to BeginMapWalk and EndMapWalk."""
+
+    is_running: bool
+    refusal: Text = ""
+    """Why what was asked for is not done."""
+
+
+class MapWalkSeen(_Message, frozen=True, tag="map_walk_seen"):
+    """How well the building is seen in the map walk that is being recorded."""
+
+    stamp_s: Finite
+    """Capture time of the frame that was looked at last, on the device's clock."""
+    recorded_s: Finite
+    frame_count: Count
+    place_count: Count
+    """Places that were marked."""
+    landmark_count: Count
+    """Landmarks that agree with the pose of that frame."""
+    loop_count: Count
+    weak_s: Finite
+    """How long, in all, the building was not seen well enough."""
+    troubles: Annotated[tuple[ShortText, ...], msgspec.Meta(max_length=16)] = ()
+    """What is wrong just now: values of navcore.coverage.Advice."""
+    last_advice: ShortText = ""
+    """What was said last, such a value."""
+    last_advice_stamp_s: Finite | None = None
+
+
 class Pong(_Message, frozen=True, tag="pong"):
     """Answer to Ping: when it left and came, and when this leaves, for the offset between the clocks."""
 
@@ -204,6 +234,14 @@ class Pause(_Message, frozen=True, tag="pause"):
 
 class Resume(_Message, frozen=True, tag="resume"):
     """Go on after a pause."""
+
+
+class BeginMapWalk(_Message, frozen=True, tag="begin_map_walk"):
+    """Record a map walk, where nobody is led; a sighted person wears the glasses."""
+
+
+class EndMapWalk(_Message, frozen=True, tag="end_map_walk"):
+    """End the map walk; its recording is completed."""
 
 
 class Repeat(_Message, frozen=True, tag="repeat"):
@@ -256,11 +294,12 @@ class Ping(_Message, frozen=True, tag="ping"):
 
 
 DeviceMessage = (
-    Hello | WalkerState | DepthImage | RouteChanged | Event | SettingsRunning | GraphRunning | MapRunning | Pong
-)
+    Hello | WalkerState | DepthImage | RouteChanged | Event | SettingsRunning | GraphRunning | MapRunning
+    | MapWalkRunning | MapWalkSeen | Pong
+)  # fmt: skip
 ConsoleMessage = (
     Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
-    | MapAvailable | EventConfirmed | Ping
+    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping
 )  # fmt: skip
 
 _UP, _DOWN = Direction.UP, Direction.DOWN
@@ -272,9 +311,11 @@ _ROWS = (
     MessageRow(SettingsRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 64 * _KIB),
     MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(MapWalkRunning, _UP, 4, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
     MessageRow(Event, _UP, 2, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
     MessageRow(WalkerState, _UP, 2, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
@@ -284,6 +325,8 @@ _ROWS = (
     MessageRow(Pause, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Resume, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),

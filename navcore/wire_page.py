@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, PIECE_BYTES
 from navcore.wire import MESSAGES, PING_EVERY_S, PROTOCOL_VERSION
 from navcore.wire_row import Delivery, Direction, MessageRow
 
@@ -55,6 +56,18 @@ unpacked; only a site that loads, and is the map that was offered, waits to be t
 nobody is being led and no map is being recorded (never while guiding or paused), and the device then tells which map it
 runs. What is damaged, or newer than the device's program, is refused with a sentence, and the old map stays. The map
 before is kept beside the site: a device whose map is found damaged at its start goes back to it by itself.
+
+## Recordings
+
+The recording of a map walk goes to the console's machine over HTTP, with the device's token (the forms are in
+`navcore/recording_upload.py`). The device offers it with size and SHA-256 (`POST {OFFERS_PATH}`), and is
+told which byte is missing next; it puts pieces of {PIECE_BYTES >> 10} KiB
+(`PUT {OFFERS_PATH}/SHA256?offset=BYTE`), and is told the same after each. So it goes on after any
+interruption, and after `kill -9` of either side, where it was; a piece that does not follow changes nothing. One
+recording goes at a time. A piece is only sent while the console is joined and has confirmed every event, and after each
+there is a pause as long as the piece took: never more than half of a link is used. The console takes up to
+{MAX_RECORDING_BYTES >> 30} GiB, leaves 1 GiB of its disk free, and gives the recording its name in one step when the
+checksum fits; what has come damaged is asked for anew. The recording stays on the device as well.
 """
 
 

@@ -1,5 +1,5 @@
 import { post } from "./api.js";
-import { $, badge, el, icon, onChange, setText } from "./dom.js";
+import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES, undoKeys } from "./graph.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
 import { ready, start } from "./shell.js";
@@ -107,21 +107,17 @@ const showDestinations = onChange((destinations) => {
   nameGuideButton();
 });
 
-const STATES = {
-  sent: ["info", "…", "sent"], running: ["good", "✓", "accepted"], refused: ["bad", "✕", "refused"],
-  unanswered: ["warn", "○", "not answered"],
-};
 const showCommands = onChange((commands) => {
   $("commands").replaceChildren(...commands.map((command) => {
-    const [kind, mark, text] = STATES[command.state];
     const why = command.refusal ? `: ${command.refusal}` : "";
-    return el("li", {}, badge(kind, mark, text), el("span", {}, commandWords(command) + why));
+    return el("li", {}, commandBadge(command.state), el("span", {}, commandWords(command) + why));
   }));
 });
 
 function commandWords({ kind, detail }) {
   const place = graph.poi(detail)?.name ?? detail;
   return {
+    begin_map_walk: "Begin a map walk", end_map_walk: "End the map walk",
     set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", repeat: "Repeat", say: `Say “${detail}”`,
   }[kind];
 }

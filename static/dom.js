@@ -68,6 +68,16 @@ export function badge(kind, mark, text) {
   return el("span", { class: `badge ${kind}`, "data-mark": mark }, text);
 }
 
+const COMMAND_STATES = {
+  sent: ["info", "…", "sent"], running: ["good", "✓", "accepted"], refused: ["bad", "✕", "refused"],
+  unanswered: ["warn", "○", "not answered"],
+};
+
+/** What became of something that was asked of a device. */
+export function commandBadge(state) {
+  return badge(...COMMAND_STATES[state]);
+}
+
 /** "3.2 m", or a dash where there is nothing. */
 export function metres(value, digits = value < 9.95 ? 1 : 0) {
   return value === null || value === undefined ? "–" : `${value.toFixed(digits)} m`;

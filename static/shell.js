@@ -14,6 +14,7 @@ export async function start() {
   setText($("user-name"), session.name);
   setText($("user-role"), session.role);
   $("nav-admin").hidden = session.role !== "admin";
+  $("nav-map-walks").hidden = !(EDITING.includes(session.role) || TUNING.includes(session.role));
   $("sign-out").addEventListener("click", () => attempt(signOut));
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role) };
 }

@@ -1,7 +1,8 @@
 """A device's link in a process of its own, there to be killed: ``URL TOKEN FOLDER RUN``.
 
 Each line of its input is a number of events to hand over; when they are on the disk, it says how many there are so far.
-Maps that it is offered are fetched to ``FOLDER/incoming``; it says ``map CHECKSUM`` when one has come.
+Maps that it is offered are fetched to ``FOLDER/incoming``; it says ``map CHECKSUM`` when one has come. Recordings of
+map walks in ``FOLDER/map-walks`` go to the console; it says ``told KEY`` of what is to be said then.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from device_agent.adapters.clocks import SystemClock
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
+from device_agent.state import MapWalkTold
 from navcore.wire import PROTOCOL_VERSION, ConsoleMessage, Hello
 
 DEVICE_ID = "glasses"
@@ -31,8 +33,10 @@ class Device:
         """Return a hello of a device that runs another map than the console's."""
         return Hello(PROTOCOL_VERSION, DEVICE_ID, "0.1.0", "small", "another", 0, 0, 0.0)
 
-    def submit(self, order: ConsoleMessage) -> None:
-        """Nobody gives orders here."""
+    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
+        """Nobody gives orders here; what is to be said of a map walk is said."""
+        if isinstance(order, MapWalkTold):
+            say(f"told {order.phrases[0].key}")
 
     def map_arrived(self, staging: Path, checksum: str) -> None:
         """Tell of the map."""
@@ -43,7 +47,10 @@ def main() -> None:
     """Hand over events as asked."""
     url, token, folder, run = sys.argv[1:]
     journal = EventJournal(Path(folder) / "events.sqlite")
-    settings = LinkSettings(url, token, Path(folder) / "incoming", first_pause_s=0.02, longest_pause_s=0.1)
+    settings = LinkSettings(
+        url, token, Path(folder) / "incoming", first_pause_s=0.02, longest_pause_s=0.1,
+        map_walks=Path(folder) / "map-walks",
+    )  # fmt: skip
     clock = SystemClock()
     link = ConsoleLink(settings, journal, clock)
     link.start(Device())

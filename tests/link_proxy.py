@@ -25,6 +25,8 @@ class Network:
         """Takes connections, and no more bytes from the device than fit into the buffers on the way."""
         self.down_limit_bytes: int | None = None
         """Nothing more comes to the device than up to this count, until it is raised or the network is cut."""
+        self.up_limit_bytes: int | None = None
+        """The same of what comes from the device."""
         self.dialled_count = 0
         self._changed = threading.Condition()
         self._pairs: set[asyncio.Task[None]] = set()
@@ -57,11 +59,11 @@ class Network:
 
         self._do(listen())
 
-    def loosen(self, down_limit_bytes: int | None) -> None:
-        """Raise the limit of what may come to the device."""
+    def loosen(self, down_limit_bytes: int | None = None, *, up_limit_bytes: int | None = None) -> None:
+        """Raise the limits of what may come to the device, and from it."""
 
         async def loosen() -> None:
-            self.down_limit_bytes = down_limit_bytes
+            self.down_limit_bytes, self.up_limit_bytes = down_limit_bytes, up_limit_bytes
             self._loosened.set()
 
         self._do(loosen())
@@ -135,14 +137,15 @@ class Network:
             writer.write(data)
             await writer.drain()
             self._count(len(data), up)
-            while not up and self._room(up) == 0:
+            while self._room(up) == 0:
                 self._loosened.clear()
                 await self._loosened.wait()
 
     def _room(self, up: bool) -> int:
-        if up or self.down_limit_bytes is None:
+        limit_bytes = self.up_limit_bytes if up else self.down_limit_bytes
+        if limit_bytes is None:
             return _PIECE_BYTES
-        return max(0, min(_PIECE_BYTES, self.down_limit_bytes - self.down_bytes))
+        return max(0, min(_PIECE_BYTES, limit_bytes - (self.up_bytes if up else self.down_bytes)))
 
     def _count(self, count: int, up: bool) -> None:
         with self._changed:

@@ -12,27 +12,33 @@ from pathlib import Path
 import httpx
 import msgspec
 import pytest
-from console_room import DEFAULTS, DialledDevice, Person, first_admin, hello_of, serving, until
+from console_room import DEFAULTS, DialledDevice, Person, first_admin, hello_of, invited, serving, until
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
 
 from console.edits import UpdatePoi
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, Freshness, LiveDevice, freshness
+from console.live_panel import device_view
 from console.map_package import MapPackage
 from console.server import ConsoleServer
+from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.site import Site, map_checksum, save_site, unpack_site
 from navcore.wire import (
     PROTOCOL_VERSION,
     ApplySettings,
+    BeginMapWalk,
     DepthImage,
+    EndMapWalk,
     Event,
     EventConfirmed,
     GraphRunning,
     Hello,
     MapAvailable,
     MapRunning,
+    MapWalkRunning,
+    MapWalkSeen,
     Ping,
     Pong,
     PublishGraph,
@@ -258,6 +264,35 @@ def test_pause_resume_clear_and_say_are_seen_to_run(
     fate(server, "repeat", "running")
     for bad in ({"text": ""}, {"text": "   "}, {"text": "x" * 301}, {"text": "a\x07b"}, {"word": "a"}, None):
         assert asked(admin, "say", bad).status_code == 400
+
+
+def test_a_map_walk_is_begun_and_ended_and_what_it_sees_is_shown(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    asked(admin, "map-walk/begin").raise_for_status()
+    device.next(BeginMapWalk)
+    device.send(MapWalkRunning(False, "The walker is led to the destination."))
+    refusal = fate(server, "begin_map_walk", "refused")
+    assert refusal == "The walker is led to the destination."
+    technician = invited(admin, "Tia", "technician")
+    asked(technician, "map-walk/begin").raise_for_status()
+    device.send(MapWalkRunning(True))
+    fate(server, "begin_map_walk", "running")
+    device.send(MapWalkSeen(1000.0, 12.0, 120, 1, 80, 0, 2.5, ("weak",), "slow_down", 999.0))
+    seen = until(server.services.hub, lambda d: d.map_walk is not None)
+    view = device_view(seen, server.services.hub.now_s())["map_walk"]
+    assert (view["running"], view["seen"]["frame_count"]) == (True, 120)
+    assert view["seen"]["troubles"] == [TEXTS["en"]["map_walk_weak"]]
+    assert view["seen"]["last_advice"] == TEXTS["en"]["map_walk_slow_down"]
+    assert view["seen"]["last_advice_age_s"] == pytest.approx(view["seen"]["age_s"] + 1.0)
+    asked(technician, "map-walk/end").raise_for_status()
+    device.next(EndMapWalk)
+    device.send(MapWalkRunning(False))
+    fate(server, "end_map_walk", "running")
+    assert server.services.hub.device("glasses").map_walk is not None, "it can be looked at when it is over"
+    device.send(MapWalkRunning(True))
+    until(server.services.hub, lambda d: d.map_walk_running and d.map_walk is None)
+    assert asked(invited(admin, "Vera", "viewer"), "map-walk/begin").status_code == 403
 
 
 def test_orders_to_a_device_that_is_away_are_refused_and_waiting_ones_given_up(

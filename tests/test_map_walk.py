@@ -393,6 +393,15 @@ def test_the_report_names_the_longest_weak_stretch() -> None:
         " Weak stretches: 2. The longest: 5 metres, 12 metres from the beginning."
     )
     assert "5米" in told.text("zh")
+    lost = {"road_m": 5, "places": 1, "places_lost": "Place 2, Place 4", "loops_closed": 0, "weak_stretches": []}
+    assert (
+        report_told(lost)
+        .text("en")
+        .endswith(
+            "Places: 1. Loops: 0. Not in the map, for nobody knows where they were marked: Place 2, Place 4."
+            " No weak stretch."
+        )
+    )
 
 
 def test_a_map_cannot_be_restored_where_none_was_kept(tmp_path: Path) -> None:

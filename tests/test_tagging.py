@@ -6,7 +6,7 @@ import pytest
 from navcore.planning.edits import validate
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark
-from navcore.tagging import graph_from_marks
+from navcore.tagging import graph_from_marks, lost_marks
 
 
 def test_named_places_become_a_joined_graph() -> None:
@@ -42,3 +42,17 @@ def test_junctions_are_places_so_that_edges_do_not_lie_upon_each_other() -> None
     junction = next(poi for poi in named.pois.values() if poi.name == "T")
     assert junction.x_m == pytest.approx(5.0, abs=0.15)
     assert len(named.edges) == 2
+
+
+def test_what_was_marked_off_the_road_or_while_the_place_was_lost_is_left_out_and_named() -> None:
+    """The end of the walk is no road: it was too short, and lies apart."""
+    stamps = np.arange(0.0, 10.0, 0.1)
+    positions = np.stack([stamps, np.zeros_like(stamps)], axis=1)
+    positions[90:, 1] = 5.0
+    network = RoadNetwork.from_roads([positions[:90]])
+    marks = [Mark(1.0, "other", "Place 1"), Mark(9.5, "other", "Place 2"), Mark(50.0, "other", "Place 3")]
+    graph = graph_from_marks(marks, stamps, positions, network)
+    assert [poi.name for poi in graph.pois.values()] == ["Place 1"]
+    assert lost_marks(marks, stamps, positions, network) == ("Place 2", "Place 3")
+    nothing = np.zeros(0), np.zeros((0, 2))
+    assert lost_marks(marks[:1], *nothing, network) == ("Place 1",)

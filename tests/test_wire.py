@@ -31,6 +31,8 @@ UP: list[wire.DeviceMessage] = [
     wire.SettingsRunning(4, {"gate.clearance_m": 2.0, "cues.language": "en"}),
     wire.GraphRunning(3),
     wire.MapRunning("abc"),
+    wire.MapWalkRunning(False, "Somebody is being led."),
+    wire.MapWalkSeen(2.0, 10.0, 100, 2, 80, 1, 0.5, ("weak",), "weak", 1.5),
     wire.Pong(1.0, 2.0, 2.1),
 ]  # fmt: skip
 DOWN: list[wire.ConsoleMessage] = [
@@ -39,6 +41,8 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.ClearDestination(),
     wire.Pause(),
     wire.Resume(),
+    wire.BeginMapWalk(),
+    wire.EndMapWalk(),
     wire.Repeat(),
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),
@@ -90,7 +94,7 @@ def test_any_message_comes_back_as_it_was_sent_and_from_its_own_side_alone(
 
 @pytest.mark.parametrize("kind", wire.MESSAGES, ids=lambda kind: kind.__name__)
 @given(data=st.data())
-@settings(max_examples=30, suppress_health_check=[HealthCheck.too_slow])
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 def test_a_damaged_message_is_a_message_or_a_wire_error(kind: type[msgspec.Struct], data: st.DataObject) -> None:
     sent = bytearray(wire.encode(data.draw(messages(kind))))
     for _ in range(data.draw(st.integers(1, 4))):

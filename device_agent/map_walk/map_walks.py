@@ -18,8 +18,7 @@ from pathlib import Path
 
 import msgspec
 
-from device_agent.map_walk.building import MapBuilding
-from device_agent.map_walk.recorder import WalkRecording
+from device_agent.map_walk.recorder import Show, WalkRecording
 from device_agent.map_walk.report import report_told
 from device_agent.map_walk.walk_folder import (
     WalkState,
@@ -36,6 +35,7 @@ from device_agent.state import MapWalkTold, Phrase, PreparedMap
 from navcore.cues.table import CueKind
 from navcore.errors import VbrError
 from navcore.live_recording import mend_recording
+from navcore.map_building import MapBuilding
 from navcore.recording import read_marks
 from navcore.settings import Settings
 from navcore.site import Site, load_site, map_checksum
@@ -93,10 +93,24 @@ class DeviceMapWalks:
         make_localizer: Callable[[Site, CameraIntrinsics, Settings], LocalizerPort],
         submit: Callable[[Order], None],
         *,
+        show: Show = lambda seen: None,
+        handed_over: Callable[[], None] = lambda: None,
         today: Callable[[], str] = _today,
         free_bytes: Callable[[Path], int] = free_bytes_of,
     ) -> None:
-        """``submit`` takes orders for the agent from any thread; the others are for tests."""
+        """Put it together.
+
+        Args:
+            plan: where walks go.
+            intrinsics: the camera's.
+            make_localizer: prepares a new map.
+            submit: takes orders for the agent, from any thread.
+            show: told how well the building is seen, for the console.
+            handed_over: called when a recording waits to be sent to the console's machine.
+            today: the date, for tests.
+            free_bytes: room left on the disk of a folder, for tests.
+        """
+        self._show, self._handed_over = show, handed_over
         self._plan, self._intrinsics, self._make_localizer = plan, intrinsics, make_localizer
         self._submit, self._today, self._free_bytes = submit, today, free_bytes
         self._recording: WalkRecording | None = None
@@ -112,7 +126,7 @@ class DeviceMapWalks:
         try:
             self._recording = WalkRecording(
                 new_walk(self._plan.folder, self._today()), self._intrinsics, settings, self._tell,
-                beside=self._plan.beside, free_bytes=self._free_bytes,
+                beside=self._plan.beside, free_bytes=self._free_bytes, show=self._show,
             )  # fmt: skip
         except OSError as error:
             _log.warning("no map walk can be recorded: %s", error)
@@ -200,6 +214,7 @@ class DeviceMapWalks:
             write_checksums(walk)
             write_state(walk, msgspec.structs.replace(read_state(walk), stage="handed_over"))
             self._news(Phrase("map_handed_over", {"places": places}))
+            self._handed_over()
             return
         self._news(Phrase("map_recorded", {"places": places}))
         with self._one_at_a_time:
@@ -219,7 +234,7 @@ class DeviceMapWalks:
             while due and percent >= due[0]:
                 self._news(Phrase("map_building", {"percent": due.pop(0)}))
 
-        if not self._building.build(walk, self._plan.staging(walk), state.date, progress):
+        if not self._building.build(walk, self._plan.staging(walk), walk.name, state.date, progress):
             write_state(walk, state)
             return False
         write_state(walk, WalkState("built", state.date, state.attempts + 1))

@@ -18,12 +18,13 @@ from pathlib import Path
 from device_agent.map_walk.tracker import WalkTracker
 from device_agent.map_walk.walk_folder import WalkState, read_state, write_state
 from device_agent.state import MapWalkTold, Phrase
-from navcore.coverage import GOOD_NEWS, Advice, Coverage, Sight, advise
+from navcore.coverage import GOOD_NEWS, HOLD_S, Advice, Coverage, Sight, advise
 from navcore.cues.table import CueKind
 from navcore.live_recording import LiveRecording, mend_recording
 from navcore.recording import Mark
 from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, Frame
+from navcore.wire import MapWalkSeen
 
 RESERVE_BYTES = 512 << 20
 """Room that is left on the disk: for building the map, and for all else that the device keeps."""
@@ -35,6 +36,7 @@ _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _log = logging.getLogger(__name__)
 
 Tell = Callable[[MapWalkTold], None]
+Show = Callable[[MapWalkSeen], None]
 _Item = Frame | Mark | tuple[float, tuple[Advice, ...]]
 
 
@@ -56,6 +58,7 @@ class WalkRecording:
         *,
         beside: bool,
         free_bytes: Callable[[Path], int],
+        show: Show = lambda seen: None,
         make_tracker: Callable[[ThreadPoolExecutor | None], WalkTracker] | None = None,
     ) -> None:
         """Begin. Raises OSError where nothing can be written.
@@ -67,10 +70,14 @@ class WalkRecording:
             tell: hears what is to be said, from any thread.
             beside: whether threads do the work.
             free_bytes: room left on the disk of a folder.
+            show: told how well the building is seen, frame by frame, for the console; from any thread.
             make_tracker: another tracker, for tests of what becomes of its errors.
         """
         self.folder = folder
-        self._settings, self._tell, self._free_bytes = settings, tell, free_bytes
+        self._settings, self._tell, self._free_bytes, self._show = settings, tell, free_bytes, show
+        self._seen = MapWalkSeen(0.0, 0.0, 0, 0, 0, 0, 0.0)
+        self._first_stamp_s: float | None = None
+        self._place_count = 0
         self._executor = ThreadPoolExecutor(1, "map-walk-mapping") if beside else None
         self._tracker: WalkTracker | None = (make_tracker or (lambda e: WalkTracker(intrinsics, settings, e)))(
             self._executor
@@ -124,6 +131,9 @@ class WalkRecording:
         with self._changed:
             self._to_write.append(Mark(self._last_stamp_s, "other", name))
             self._changed.notify_all()
+        self._place_count += 1
+        if Advice.LOST in self._coverage.lasting:
+            self._tell(MapWalkTold(CueKind.MAP_ADVICE, (Phrase("map_place_unsure", {"name": name}),)))
         if not self._threads:
             self._write_waiting()
 
@@ -228,9 +238,29 @@ class WalkRecording:
 
     def _heed(self, sight: Sight) -> None:
         advice, self._coverage = advise(sight, self._coverage, self._settings.map_walk)
+        self._show_seen(sight, advice)
         if self._coverage.gaps:
             with self._changed:
                 self._to_write.append((sight.stamp_s, self._coverage.gaps))
                 self._changed.notify_all()
         if advice is not None:
             self._tell(advice_told(advice))
+
+    def _show_seen(self, sight: Sight, advice: Advice | None) -> None:
+        before, gaps = self._seen, self._coverage.gaps
+        if self._first_stamp_s is None:
+            self._first_stamp_s = sight.stamp_s
+        passed_s = sight.stamp_s - before.stamp_s if before.frame_count else 0.0
+        self._seen = MapWalkSeen(
+            sight.stamp_s,
+            sight.stamp_s - self._first_stamp_s,
+            self._recording.frame_count,
+            self._place_count,
+            sight.landmark_count,
+            sight.loop_count,
+            before.weak_s + (passed_s if gaps else 0.0),
+            tuple(trouble.value for trouble in Advice if trouble in HOLD_S and self._coverage.holds(trouble)),
+            before.last_advice if advice is None else advice.value,
+            before.last_advice_stamp_s if advice is None else sight.stamp_s,
+        )
+        self._show(self._seen)

@@ -14,7 +14,9 @@ def report_told(report: Mapping[str, Any]) -> MapWalkTold:
     figures: dict[str, int | str] = {
         "metres": round(report["road_m"]), "places": report["places"], "loops": report["loops_closed"],
     }  # fmt: skip
-    return MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_built", figures), _weak(report["weak_stretches"])))
+    lost = report.get("places_lost", "")
+    told = (Phrase("map_places_lost", {"names": lost}),) if lost else ()
+    return MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_built", figures), *told, _weak(report["weak_stretches"])))
 
 
 def _weak(stretches: list[dict[str, Any]]) -> Phrase:

@@ -1,7 +1,7 @@
 """The folder of one map walk: its recording, and in ``walk.json`` how far it has come.
 
-``recording`` → ``recorded`` → ``built``, ``handed_over`` or ``failed``. What a device finds as ``recording`` or
-``recorded`` at its start was broken off.
+``recording`` → ``recorded`` → ``built``, ``handed_over`` or ``failed``; ``handed_over`` → ``sent`` once the console has
+it. What a device finds as ``recording`` or ``recorded`` at its start was broken off.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import msgspec
 
 from navcore.site_files import write_whole
 
-Stage = Literal["recording", "recorded", "built", "handed_over", "failed"]
+Stage = Literal["recording", "recorded", "built", "handed_over", "sent", "failed"]
 STATE_FILE, CHECKSUMS_FILE = "walk.json", "SHA256SUMS"
 _BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
 
@@ -50,6 +50,11 @@ def walks_in(folder: Path) -> tuple[Path, ...]:
 def broken_off(folder: Path) -> tuple[Path, ...]:
     """Return the walks that were not brought to an end, oldest first."""
     return tuple(walk for walk in walks_in(folder) if read_state(walk).stage in _BROKEN_OFF)
+
+
+def handed_over(folder: Path) -> tuple[Path, ...]:
+    """Return the walks whose recordings wait to be sent to the console's machine, oldest first."""
+    return tuple(walk for walk in walks_in(folder) if read_state(walk).stage == "handed_over")
 
 
 def read_state(walk: Path) -> WalkState:

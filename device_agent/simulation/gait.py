@@ -45,6 +45,8 @@ class HeadMount:
     forward_m: float = 0.10
     """Before the body's vertical axis."""
     pitch_down_deg: float = 15.0
+    yaw_left_deg: float = 0.0
+    """How far it is turned aside of where the body faces."""
 
 
 USUAL_GAIT = Gait()
@@ -74,7 +76,8 @@ def head_pose(
     idle_a, idle_b = math.sin(0.31 * math.tau * time_s), math.sin(0.23 * math.tau * time_s + 1.0)
     side_m = share * gait.sway_m * stride + gait.idle_m * idle_a
     up_m = share * gait.bob_m * step
-    yaw_rad = heading_rad + math.radians(share * gait.yaw_deg * math.sin(phase_rad + 0.6) + gait.idle_deg * idle_b)
+    turned_deg = share * gait.yaw_deg * math.sin(phase_rad + 0.6) + gait.idle_deg * idle_b
+    yaw_rad = heading_rad + math.radians(mount.yaw_left_deg + turned_deg)
     pitch_rad = math.radians(mount.pitch_down_deg + share * gait.pitch_deg * step + gait.idle_deg * idle_a)
     roll_rad = math.radians(share * gait.roll_deg * math.sin(phase_rad + 0.2))
     c, s = math.cos(heading_rad), math.sin(heading_rad)

@@ -198,6 +198,14 @@ def _tilted(sheet: Sheet) -> list[Shape]:
     ]  # fmt: skip
 
 
+def _look_ahead(sheet: Sheet) -> list[Shape]:
+    """A head, and an arrow that leaves it level."""
+    return [
+        sheet.moved(-30.0, 0.0).ring(22.0, Ink.TEXT, 6), sheet.line([(2.0, 0.0), (34.0, 0.0)], Ink.NEAR, 8),
+        sheet.area([(30.0, -18.0), (56.0, 0.0), (30.0, 18.0)], Ink.NEAR),
+    ]  # fmt: skip
+
+
 def _bars(sheet: Sheet) -> list[Shape]:
     return [
         sheet.area([(x - 8.0, -28.0), (x + 8.0, -28.0), (x + 8.0, 28.0), (x - 8.0, 28.0)], Ink.TEXT)
@@ -229,6 +237,7 @@ _PICTOGRAMS: dict[Reason, Callable[[Sheet], list[Shape]]] = {
     Reason.POSE_LOST: _question,
     Reason.SENSOR_STALE: _broken,
     Reason.CAMERA_MOVED: _tilted,
+    Reason.LOOKS_AWAY: _look_ahead,
     Reason.NO_ROUTE: _no_goal,
     Reason.PAUSED: _bars,
 }

@@ -88,7 +88,8 @@ _SPOKEN = "speech, in the middle"
 
 _ANSWERS = (
     *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
-    "on_duty", "off_duty", "map_offered", "map_begun", "map_place", "map_marked", "map_ended",
+    "on_duty", "off_duty", "map_offered", "map_begun", "map_begun_console", "map_place",
+    "map_marked", "map_ended", "map_ended_console",
     "destination", "destination_console",
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
@@ -150,13 +151,15 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
-         "way_anew", "camera_moved", "camera_agrees", "storage_trouble"),
+         "way_anew", "camera_moved", "camera_agrees", "look_ahead",
+         "looks_left", "looks_right", "looks_ahead", "storage_trouble"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",
         _SPOKEN, "no other", "every `map_walk.repeat_s` while it lasts",
         ("map_walk_covered", "map_walk_dark", "map_walk_lost", "map_walk_slow_down", "map_walk_look_ahead",
-         "map_walk_weak", "map_no_picture", "map_disk_full", "map_disk_slow", "map_not_recorded", "map_no_feedback"),
+         "map_walk_weak", "map_no_picture", "map_disk_full", "map_disk_slow", "map_not_recorded", "map_no_feedback",
+         "map_place_unsure"),
     ),
     CueKind.ANSWER: CueEntry(
         CuePriority.OFF_ROAD, "The device answers a button, or tells what was ordered.", _SPOKEN, "no other",
@@ -166,8 +169,8 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         CuePriority.REASSURANCE, "How the recording or the building of a map goes on; not said while somebody is led.",
         _SPOKEN, "no other", "no",
         ("map_none", "map_picture", "map_walk_found", "map_walk_loop", "map_recorded", "map_handed_over",
-         "map_building", "map_not_built", "map_too_short",
-         "map_unfinished", "map_built", "map_built_good", "map_built_weak"),
+         "map_sent", "map_not_sent", "map_building", "map_not_built", "map_too_short",
+         "map_unfinished", "map_built", "map_places_lost", "map_built_good", "map_built_weak"),
     ),
     CueKind.TURN_AHEAD: CueEntry(
         CuePriority.REASSURANCE, "The way bends so far ahead. Nothing is to be done yet.", _SPOKEN,

@@ -61,6 +61,8 @@ class MountingWatch:
     """The floor has been where it should be, since the start."""
     moved: bool = False
     """The camera has moved."""
+    by_posture: bool = False
+    """Only the posture told so: it may be the head that is held otherwise."""
     why: str = ""
     """What disagreed when it was found to have moved, in words."""
 
@@ -169,10 +171,10 @@ def _judged(watch: MountingWatch, difference: FloorDifference, settings: Calibra
     if watch.moved:
         if watch.agrees_s < _AGREES_AFTER_S:
             return watch
-        return replace(watch, moved=False, why="")
+        return replace(watch, moved=False, by_posture=False, why="")
     patience_s = math.inf if watch.has_agreed else _AT_THE_START_S
-    moved = (
-        max(watch.height_apart_s, watch.tilt_apart_s) >= min(settings.moved_after_s, patience_s)
-        or watch.posture_apart_s >= min(settings.posture_after_s, patience_s)
-    )  # fmt: skip
-    return replace(watch, moved=True, why=difference.words()) if moved else watch
+    by_floor = max(watch.height_apart_s, watch.tilt_apart_s) >= min(settings.moved_after_s, patience_s)
+    by_posture = watch.posture_apart_s >= min(settings.posture_after_s, patience_s)
+    if not (by_floor or by_posture):
+        return watch
+    return replace(watch, moved=True, by_posture=not by_floor, why=difference.words())

@@ -1,4 +1,7 @@
-"""Building the map of a recorded map walk in a process of its own, which gives way to everything else."""
+"""Building the map of a recording in a process of its own, which gives way to everything else.
+
+Device and console both do so; the command line of this program is what does it.
+"""
 
 from __future__ import annotations
 
@@ -22,15 +25,17 @@ class MapBuilding:
         self._process: subprocess.Popen[str] | None = None
         self._stopped = False
 
-    def build(self, walk: Path, site: Path, date: str, progress: Callable[[int], None]) -> bool:
+    def build(self, walk: Path, site: Path, name: str, date: str, progress: Callable[[int], None]) -> bool:
         """Build the map of a recording into ``site``, replacing what lies there; False where it was stopped.
 
-        ``progress`` is called with each percent. Raises MappingError with what the build said where it failed.
+        ``name`` is the site's, ``date`` when it was recorded. ``progress`` is called with each percent.
+
+        Raises MappingError with what the build said where it failed.
         """
         shutil.rmtree(site, ignore_errors=True)
         command = [
-            sys.executable, "-m", "device_agent", "map", "build", str(walk), "--site", str(site), "--name",
-            walk.name, "--date", date, "--behind", "--json",
+            sys.executable, "-m", "device_agent", "map", "build", str(walk), "--site", str(site), f"--name={name}",
+            f"--date={date}", "--behind", "--json",
         ]  # fmt: skip
         with tempfile.TemporaryFile("w+", encoding="utf-8") as complaints:
             process = self._started(command, complaints)
@@ -58,13 +63,13 @@ class MapBuilding:
                 stdout=subprocess.PIPE,
                 stderr=complaints,
                 text=True,
-                # Ctrl-C is the device's alone: it ends this process itself.
+                # Ctrl-C is the parent's alone: it ends this process itself.
                 start_new_session=True,
             )
             return self._process
 
     def stop(self) -> None:
-        """End the build; it begins anew at the next start of the device."""
+        """End the build, and begin no other."""
         with self._lock:
             self._stopped = True
             if self._process is not None and self._process.poll() is None:

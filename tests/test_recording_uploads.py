@@ -1,0 +1,175 @@
+"""Recordings on their way to the console: behind every event, one at a time, and one that cannot go stops no other."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from console_room import first_admin, serving
+from device_console import Console
+from test_device_link import Device, make_link
+
+from console.server import ConsoleServer
+from device_agent.journal import EventJournal
+from device_agent.link_settings import LinkSettings
+from device_agent.map_download import MapSource
+from device_agent.map_walk.walk_folder import STATE_FILE, WalkState, new_walk, read_state, write_state
+from device_agent.recording_upload import InterruptedUploadError, send_recording
+from device_agent.recording_uploads import RecordingUploads
+from device_agent.state import MapWalkTold
+from navcore.errors import VbrError
+from navcore.recording_archive import RecordingArchive
+from navcore.recording_upload import PIECE_BYTES, RecordingOffer
+from navcore.site import Site, save_site
+
+DEADLINE_S = 60.0
+
+
+@pytest.fixture
+def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as running:
+        yield running
+
+
+@pytest.fixture
+def source(server: ConsoleServer) -> MapSource:
+    token = first_admin(server).http.post("/api/tokens", json={"name": "Glasses"}).raise_for_status().json()["token"]
+    return MapSource(server.ready.url.replace("http", "ws", 1), str(token))
+
+
+def waiting_walk(folder: Path, name: str = "1.png", size_bytes: int = 3 * PIECE_BYTES) -> Path:
+    walk = new_walk(folder, "2026-11-29")
+    (walk / name).write_bytes(np.random.default_rng(size_bytes).bytes(size_bytes))
+    write_state(walk, WalkState("handed_over", "2026-11-29"))
+    return walk
+
+
+def offer_of(archive: RecordingArchive) -> RecordingOffer:
+    return RecordingOffer("recording", "walk-0001", archive.size_bytes, archive.sha256())
+
+
+def test_no_piece_goes_while_something_more_urgent_waits(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    archive = RecordingArchive(waiting_walk(tmp_path / "walks"), {STATE_FILE})
+    sent: list[int] = []
+
+    async def run() -> None:
+        quiet, asked = asyncio.Event(), asyncio.Event()
+
+        async def until_quiet() -> None:
+            asked.set()
+            await quiet.wait()
+
+        sending = asyncio.create_task(
+            send_recording(archive, offer_of(archive), source, until_quiet, lambda count, _: sent.append(count))
+        )
+        await asked.wait()
+        assert server.services.recordings.all() == (), "not even the offer"
+        quiet.set()
+        while len(sent) < 2:
+            await asyncio.sleep(0.001)  # until a piece has gone; what follows waits for nothing but its turn
+        quiet.clear()
+        asked.clear()
+        await asked.wait()
+        here = server.services.recordings.all()[0].have_bytes
+        assert 0 < here < archive.size_bytes
+        quiet.set()
+        await sending
+
+    asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
+    assert server.services.recordings.all()[0].complete
+    assert sent[-1] == archive.size_bytes
+
+
+def test_nothing_is_quiet_before_the_console_is_there_and_has_confirmed_every_event(tmp_path: Path) -> None:
+    console, journal = Console(), EventJournal(tmp_path / "events.sqlite")
+    console.confirms = False
+    console.start()
+    link = make_link(f"ws://127.0.0.1:{console.port}", journal, tmp_path)
+    try:
+        link.start(Device())  # type: ignore[arg-type]
+        link.event(1.0, "cue", "urgent")
+        console.wait_for(lambda: any(event.text == "urgent" for event in console.stored))
+        quiet = asyncio.run_coroutine_threadsafe(link._until_quiet(), link._loop)
+        with pytest.raises(TimeoutError):
+            quiet.result(0.5)
+        # Once it confirms, the next event's confirmation is that of all before.
+        console.confirms = True
+        link.event(2.0, "cue", "also urgent")
+        asyncio.run_coroutine_threadsafe(link._until_quiet(), link._loop).result(DEADLINE_S)
+        assert journal.pending(0) == []
+    finally:
+        link.stop()
+        journal.close()
+        console.close()
+
+
+def uploaded(source: MapSource, folder: Path, count: int) -> list[str]:
+    """Let the uploads run until so many sentences were told; return their keys."""
+    told: list[str] = []
+
+    async def run() -> None:
+        done = asyncio.Event()
+
+        def tell(each: MapWalkTold) -> None:
+            told.append(each.phrases[0].key)
+            if len(told) == count:
+                done.set()
+
+        async def at_once(seconds: float = 0.0) -> None:
+            await asyncio.sleep(0)
+
+        settings = LinkSettings(source.console_url, source.token, folder / "incoming", map_walks=folder)
+        uploads = RecordingUploads(settings, asyncio.Event(), at_once, lambda failures: 0.0, at_once, tell)
+        running = asyncio.create_task(uploads.run())
+        await done.wait()
+        running.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
+    return told
+
+
+def test_one_that_cannot_be_sent_says_so_and_stops_no_other(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    unfit = waiting_walk(tmp_path / "walks", "Grüße.png", 10)
+    fit = waiting_walk(tmp_path / "walks")
+    built = waiting_walk(tmp_path / "walks")
+    write_state(built, WalkState("built"))
+    assert uploaded(source, tmp_path / "walks", 2) == ["map_not_sent", "map_sent"]
+    assert read_state(unfit).stage == "failed"
+    assert "plain name" in read_state(unfit).reason
+    assert (unfit / "Grüße.png").exists(), "it is kept"
+    assert read_state(fit).stage == "sent"
+    assert read_state(built).stage == "built", "what was built here stays here"
+    (there,) = server.services.recordings.all()
+    assert (there.entry.offer.name, there.entry.offer.date, there.entry.device) == (fit.name, "2026-11-29", "Glasses")
+
+
+def test_a_console_that_is_away_or_refuses_is_told_apart(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    archive = RecordingArchive(waiting_walk(tmp_path / "walks"), {STATE_FILE})
+
+    async def at_once() -> None:
+        return
+
+    def send(to: MapSource, offer: RecordingOffer) -> None:
+        asyncio.run(send_recording(archive, offer, to, at_once))
+
+    with pytest.raises(InterruptedUploadError, match="token is not valid"):
+        send(MapSource(source.console_url, "another-token"), offer_of(archive))
+    with pytest.raises(InterruptedUploadError, match="not gone whole yet"):
+        send(MapSource("ws://127.0.0.1:9", source.token), offer_of(archive))
+    with pytest.raises(VbrError, match="is empty") as refused:
+        send(source, RecordingOffer("recording", "walk", 0, offer_of(archive).sha256))
+    assert not isinstance(refused.value, InterruptedUploadError)
+    # What never comes as it was offered is not begun for ever.
+    wrong = RecordingOffer("recording", "walk", archive.size_bytes, "0" * 64)
+    with pytest.raises(VbrError, match="damaged again and again"):
+        send(source, wrong)

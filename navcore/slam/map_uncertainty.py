@@ -30,7 +30,7 @@ TIE_SIGMA_M = 0.08
 TIE_SIGMA_RAD = 0.023
 """Standard deviation between key frames that follow each other in a recording, were there no landmark: they have been
 followed from one to the next all the same."""
-MAP_VARIANCE = 0.42
+MAP_VARIANCE = 0.5
 """By so much the adjustment of a map by its landmarks is better than pixels of nominal noise would have it; measured,
 see :data:`navcore.slam.pose_uncertainty.SYSTEMATIC_SIGMA_M`."""
 LEAST_VARIANCE = 1e-9

@@ -36,7 +36,7 @@ LEAST_MISFIT = 1.0
 """The variance is never taken for less than that of independent pixels."""
 ALIKE_LANDMARKS = 2.5
 """Landmarks beside each other err alike, which few blocks of the image show: so many count as one."""
-SYSTEMATIC_SIGMA_M = 0.0025
+SYSTEMATIC_SIGMA_M = 0.003
 SYSTEMATIC_SIGMA_RAD = 0.001
 """Standard deviation, per axis, of what no residual shows: calibration and shutter err alike in map and frame.
 

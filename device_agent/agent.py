@@ -21,7 +21,7 @@ from device_agent.adapters.fakes import NoButtons, NoMapWalks
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.load_plan import LoadLevel
-from device_agent.locating import InLine, Locator
+from device_agent.locating import DirectLocator, InLine
 from device_agent.loop import Ports, run_stages
 from device_agent.loop_monitor import LoopMonitor
 from device_agent.menu import pressed
@@ -68,6 +68,8 @@ MAX_WAITING_ORDERS = 256
 _PAUSE_WITHOUT_CAMERA_S = 0.05
 _STANDING_TIMEOUT_S = 3.0
 """A loop that has said *Stop* may take this long for its next cycle: looking for a lost pose is slow."""
+HANGS_AFTER_S = 8.0
+"""A localizer that has not answered for so long will not answer."""
 _log = logging.getLogger(__name__)
 
 LocalizerFactory = Callable[[Site, CameraIntrinsics, Settings], LocalizerPort]
@@ -94,7 +96,7 @@ class DeviceParts:
     """What the walker can press."""
     timer_s: Callable[[], float] = time.perf_counter
     """Measures how long the stages take, seconds."""
-    locating: Callable[[LocalizerPort], Locator] = InLine
+    locating: Callable[[LocalizerPort], DirectLocator] = InLine
     """How localizers are asked. In line in lock step, where the same walk must come out however slow the machine is."""
     plans_load: bool = False
     """Less is done where the loop is too slow. Not in lock step, where time does not pass by this machine's speed."""
@@ -229,9 +231,14 @@ class DeviceAgent:
             _log.exception("a cycle could not be reported")
         self._tap.cycle_ended(self.state, self._voice.memory, cycle)
         self.monitor.note(cycle, cued_s, parts.timer_s() - began_s, self.state.settings.deadlines)
-        if not cycle.fault:
+        if not cycle.fault and not self._localizer_hangs(cycle.stamp_s):
             self._parts.alive()
         return cycle
+
+    def _localizer_hangs(self, now_s: float) -> bool:
+        """Whether the localizer will not answer any more: only a new process helps, and the service begins one."""
+        since_s = self._locator.working_since_s
+        return since_s is not None and now_s - since_s > HANGS_AFTER_S
 
     def _take_load_level(self) -> None:
         """Leave out of this cycle what the cycles before had no time for; say so when that changes."""

@@ -67,8 +67,19 @@ class Locator(Protocol):
         ...
 
 
+class DirectLocator(Locator, Protocol):
+    """Asks a localizer itself, not through others that note what is asked."""
+
+    @property
+    def working_since_s(self) -> float | None:
+        """Stamp of the frame that is being located beside the loop; None where none is."""
+        ...
+
+
 class InLine:
     """Waits for each pose: where time stands still meanwhile, or does not count."""
+
+    working_since_s: float | None = None
 
     def __init__(self, localizer: LocalizerPort) -> None:
         self._localizer = localizer
@@ -110,21 +121,26 @@ class Beside:
         self._localizer, self._wait_for = localizer, wait_for
         self._changed = threading.Condition()
         self._work: _Work | None = None
-        self._is_busy = False
+        self._busy_since_s: float | None = None
         self._result: Localization | Exception | None = None
         self._settings: Settings | None = None
         self._closed = False
         threading.Thread(target=self._run, name="localizer", daemon=True).start()
+
+    @property
+    def working_since_s(self) -> float | None:
+        """Stamp of the frame that is being located; a thread that has died works on it for ever."""
+        return self._busy_since_s
 
     def locate(self, request: Request) -> Answer:
         """Return what has come since, and the frame's own pose where it comes in time."""
         with self._changed:
             late = self._taken()
             left_out = late is not None and request.rests
-            if self._is_busy or left_out or request.feature_fraction is None:
+            if self._busy_since_s is not None or left_out or request.feature_fraction is None:
                 return Answer(late=late)
             self._work = _Work(request.frame, request.feature_fraction, self._settings)
-            self._settings, self._is_busy = None, True
+            self._settings, self._busy_since_s = None, request.frame.stamp_s
             self._changed.notify_all()
             self._wait_for(self._changed, lambda: self._result is not None, request.wait_s)
             return Answer(self._taken(), late)
@@ -144,7 +160,7 @@ class Beside:
         result, self._result = self._result, None
         if result is None:
             return None
-        self._is_busy = False
+        self._busy_since_s = None
         if isinstance(result, Exception):
             raise result
         return result

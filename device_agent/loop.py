@@ -241,8 +241,11 @@ def _with_what_was_seen(
     if pose is None or located.quality is LocalizationQuality.LOST:
         return replace(state, recent_scans=()), scan
     if place.is_held:
-        known = state.obstacles.and_also(state.heard)
-        return replace(state, recent_scans=()), with_memory(scan, known, pose, settings.obstacle)
+        # Who was coming a moment ago still is.
+        closing_m_s = closing_speed_m_s(state.recent_scans)
+        is_alike = len(closing_m_s) == len(scan.bearing_rad)
+        coming = anticipated(scan, closing_m_s, settings.obstacle) if is_alike else scan
+        return state, with_memory(coming, state.obstacles.and_also(state.heard), pose, settings.obstacle)
     echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
     half_field_rad = math.radians(settings.gate.half_field_deg)
     looks_rad = 0.0 if sonar is None else sonar.bearing_rad

@@ -246,7 +246,7 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
 
     The first steps are made before a turn while walking has had its effect: they lead straight on.
     """
-    near = _first_steps_m(cycle, relative_angle(0.0)) < _FIRST_STEPS_M
+    near = _first_steps_m(cycle, relative_angle(0.0)) < _FIRST_STEPS_M or not _is_ahead_known(cycle)
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
     return _stands(cycle) and near and abs(direction) > faced_rad
@@ -326,6 +326,8 @@ def _towards(
 
 def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
     """Return D as it is walked: a direction that sounds like straight ahead is free no farther than straight ahead."""
+    if not _is_ahead_known(cycle):
+        return tuple(each for each in cycle.scan.candidates if not _sounds_straight(cycle, each.angle))
     ahead_m = cycle.scan.nearest_ahead_m
     if ahead_m is None:
         return cycle.scan.candidates
@@ -333,6 +335,12 @@ def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
         replace(each, clearance_m=min(each.clearance_m, ahead_m)) if _sounds_straight(cycle, each.angle) else each
         for each in cycle.scan.candidates
     )
+
+
+def _is_ahead_known(cycle: _Cycle) -> bool:
+    """Whether straight ahead is one of the directions D: what nobody has seen there is not free."""
+    near_rad = math.radians(cycle.settings.obstacle.candidate_step_deg / 2.0) + 1e-6
+    return any(abs(each.angle) <= near_rad for each in cycle.scan.candidates)
 
 
 def _sounds_straight(cycle: _Cycle, direction: RelativeAngle) -> bool:
@@ -456,8 +464,11 @@ def _is_finite(pose: Pose2D) -> bool:
     return math.isfinite(pose.x_m) and math.isfinite(pose.y_m) and math.isfinite(pose.heading)
 
 
-def _velocity_m_s(cycle: _Cycle, pose: Pose2D) -> tuple[float, float]:
+def _velocity_m_s(cycle: _Cycle, pose: Pose2D, is_held: bool) -> tuple[float, float]:
     before = cycle.previous
+    if is_held and before is not None:
+        # Whoever walked walks on: they need as much room to stop as before.
+        return before.trace.velocity_m_s
     return (0.0, 0.0) if before is None else walking_velocity_m_s(before.trace, cycle.stamp_s - before.stamp_s, pose)
 
 
@@ -508,7 +519,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
     sure_count = None if before is None or before.sure_count is None else before.sure_count + 1 if sure else 0
     if sure_count is not None and sure_count >= cycle.settings.obstacle.leave_frames_count:
         sure_count = None
-    velocity_m_s = (0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose)
+    velocity_m_s = (0.0, 0.0) if pose is None else _velocity_m_s(cycle, pose, localization.is_held)
     return DecisionTrace(
         heading=None if pose is None else pose.heading,
         position=None if pose is None else (pose.x_m, pose.y_m),

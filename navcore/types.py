@@ -201,6 +201,8 @@ class Localization:
     """Covariance (6, 6) of (translation, rotation) in the world frame, m² and rad²; None when lost."""
     inlier_count: int = 0
     """Landmarks of the map that agree with the pose."""
+    is_held: bool = False
+    """The pose stands still because nobody knows how the walker moves on: it does not say that they stand."""
 
     @property
     def pose(self) -> Pose2D | None:

@@ -14,7 +14,7 @@ from device_agent.adapters.outputs import TeeOutput
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.device_store import DeviceStore
-from device_agent.locating import InLine, Locator
+from device_agent.locating import DirectLocator, InLine
 from device_agent.ports import Button, ButtonPress, CueOutput, LocalizerPort, PressKind, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.state import DeviceState
@@ -74,7 +74,7 @@ class Rig:
     tap: Tap = field(default_factory=Tap)
     timer_s: Callable[[], float] = time.perf_counter
     plans_load: bool = False
-    locating: Callable[[LocalizerPort], Locator] = InLine
+    locating: Callable[[LocalizerPort], DirectLocator] = InLine
     frame_s: float = 0.1
     link: Uplink | None = None
     """Where events go instead of to the fake."""

@@ -17,7 +17,7 @@ from device_hall import GRAPH, INTRINSICS, Rig, empty_hall, pose_at
 
 from device_agent.adapters.clocks import FakeClock
 from device_agent.adapters.fakes import FakeCamera, FakeLocalizer, FakeOutput, FakeUplink, NoSonar
-from device_agent.agent import DeviceAgent, DeviceParts
+from device_agent.agent import HANGS_AFTER_S, DeviceAgent, DeviceParts
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LATE_COUNT, LoadLevel
 from device_agent.locating import Answer, Beside, InLine, Request
@@ -301,6 +301,44 @@ def test_a_localizer_that_hangs_ends_in_stop_with_a_reason_and_it_goes_on_by_its
     assert len(told) == 1
     walk.answer()
     assert walk.on(15)[-1].guidance.action is Action.WALK
+
+
+def test_who_walked_is_taken_to_walk_on_while_the_pose_is_held() -> None:
+    """A held pose stands still; whoever were taken to stand as well would be stopped too late."""
+    walk = Walk()
+    before = walk.on()[0].guidance.trace
+    assert before.speed_m_s == pytest.approx(WALK_M_S, abs=0.05)
+    walk.hang()
+    held = [cycle for cycle in walk.on(6) if cycle.localization is not None and cycle.localization.is_held]
+    assert len(held) >= 3
+    assert all(cycle.guidance.trace.speed_m_s >= before.speed_m_s - 0.05 for cycle in held)
+
+
+def test_who_was_coming_is_not_forgotten_for_a_held_pose() -> None:
+    walk = Walk()
+    walk.hang()
+    cycles = walk.on(3)
+    assert cycles[-1].localization is not None
+    assert cycles[-1].localization.is_held
+    assert walk.rig.agent.state.recent_scans
+    walk.on(30)
+    assert not walk.rig.agent.state.recent_scans, "the place is lost"
+
+
+def test_a_localizer_that_hangs_for_good_is_a_process_to_be_begun_anew() -> None:
+    """Only the service can end it: it hears of no life any more, while the walker is stopped as before."""
+    walk, lives = Walk(), list[float]()
+    agent = walk.rig.agent
+    agent._parts = replace(agent._parts, alive=lambda: lives.append(walk.rig.clock.now_s()))
+    walk.hang()
+    began_s = walk.rig.clock.now_s()
+    walk.on(120)
+    assert lives, "a hang of some seconds is none for good"
+    assert lives[-1] - began_s == pytest.approx(HANGS_AFTER_S, abs=2.0 * FRAME_S)
+    walk.answer()
+    last_s = lives[-1]
+    walk.on(3)
+    assert lives[-1] > last_s
 
 
 def test_obstacles_count_at_once_while_the_localizer_hangs() -> None:

@@ -12,10 +12,13 @@ from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image, route_along
 from navcore.follower.look import LOOK_ROUND_AFTER_S, LOOK_ROUND_FOR_S
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.guide import guide
+from navcore.obstacle.corridor import candidate_directions
+from navcore.obstacle.polar_grid import MAX_RANGE_M
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
 from navcore.types import (
     Action,
+    BearingState,
     Guidance,
     Localization,
     LocalizationQuality,
@@ -458,6 +461,23 @@ def test_the_first_steps_of_who_stands_keep_away_from_what_is_just_beside_them()
         assert walking.action is Action.WALK, "whoever walks already has passed worse"
     narrow = (box(-1, 0.4, 9, 0.6), box(-1, -0.6, 9, -0.4))
     assert decide(here, seen(here, *narrow), stood).action is Action.WALK, "a corridor that is no wider is walked"
+
+
+@pytest.mark.parametrize(("from_deg", "to_deg"), [(-7.0, 7.0), (-9.0, 5.0), (-5.0, 9.0)])
+def test_who_stands_before_the_unknown_takes_no_first_step_straight_ahead(from_deg: float, to_deg: float):
+    """What is dark or of glass straight ahead: a direction beside it is turned to, and none that sounds straight."""
+    here = at(2.0, stamp_s=5.0)
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    free = seen(here)
+    hidden = (free.bearing_rad > math.radians(from_deg)) & (free.bearing_rad < math.radians(to_deg))
+    nearest_m, state = free.nearest_m.copy(), free.state.copy()
+    nearest_m[hidden], state[hidden] = math.nan, BearingState.UNKNOWN
+    candidates = candidate_directions(free.bearing_rad, nearest_m, state, SETTINGS.obstacle, MAX_RANGE_M)
+    unknown = replace(free, nearest_m=nearest_m, state=state, candidates=candidates)
+    result = decide(here, unknown, stood)
+    assert result.action is not Action.WALK
+    if result.direction is not None:
+        assert abs(result.direction) > math.radians(SETTINGS.cues.straight_within_deg)
 
 
 def test_a_destination_before_a_wall_is_led_to():

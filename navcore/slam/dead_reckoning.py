@@ -1,7 +1,7 @@
 """A pose where the localizer has found none (yet): the camera goes on as it went, for a moment.
 
-The rule is the localizer's own: after ``MAX_UNMATCHED_S`` without the map a pose is no longer *Localized*. What is
-carried on is never farther from the map than that, and only where the map had matched before.
+The rule is the localizer's own: after ``MAX_UNMATCHED_S`` without the map a pose is no longer *Localized*. A pose is
+carried on for no longer than that from the last one found, which may itself be as old a match: 0.3 s in all.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def _held(before: Localization | None, last: Localization, stamp_s: float, held_
         return Localization(stamp_s, LocalizationQuality.LOST, None)
     moved = None if before is None else _moved_on(before, last, min(ahead_s, MAX_UNMATCHED_S))
     covariance = walked_unseen(last.covariance, ahead_s)
-    return Localization(stamp_s, LocalizationQuality.UNCERTAIN, moved or pose, covariance)
+    return Localization(stamp_s, LocalizationQuality.UNCERTAIN, moved or pose, covariance, is_held=True)
 
 
 def _moved_on(before: Localization, last: Localization, ahead_s: float) -> Transform | None:

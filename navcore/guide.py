@@ -82,6 +82,7 @@ _FIRST_STEPS_M = 1.6
 """So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
 _ASTRAY_M = 0.2
 """The first steps are the least straight: wider than a person's corridor must be free for them, where it can be."""
+_BESIDE_M = 0.6
 _FIRST_TURN_RAD = math.radians(20.0)
 """No farther aside is looked for a way on which the first steps are free."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
@@ -246,21 +247,25 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
 
     The first steps are made before a turn while walking has had its effect: they lead straight on.
     """
-    near = _first_steps_m(cycle, relative_angle(0.0)) < _FIRST_STEPS_M or not _is_ahead_known(cycle)
+    near = trace.nearest_ahead_m is not None and trace.nearest_ahead_m < _FIRST_STEPS_M
+    near = near or not _is_ahead_known(cycle)
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
     return _stands(cycle) and near and abs(direction) > faced_rad
 
 
 def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:
-    """Return how far the first steps in a direction are free, with room for those that go astray."""
+    """Return how far the first steps in a direction are free, with room for those that go astray.
+
+    What is beside the walker already is passed by the first of them.
+    """
     scan, width_m = cycle.scan, cycle.settings.obstacle.person_width_m + _ASTRAY_M
     # A direction that sounds like straight ahead is walked straight ahead.
     walked_rad = 0.0 if _sounds_straight(cycle, direction) else direction
-    return clearance_ahead_m(
-        np.concatenate([scan.bearing_rad, scan.unseen_rad]) - walked_rad,
-        np.concatenate([scan.nearest_m, scan.unseen_m]), width_m, MAX_RANGE_M,
-    )  # fmt: skip
+    bearing_rad = np.concatenate([scan.bearing_rad, scan.unseen_rad]) - walked_rad
+    range_m = np.concatenate([scan.nearest_m, scan.unseen_m])
+    ahead = range_m * np.cos(bearing_rad) > _BESIDE_M
+    return clearance_ahead_m(bearing_rad[ahead], range_m[ahead], width_m, MAX_RANGE_M)
 
 
 def _stands(cycle: _Cycle) -> bool:

@@ -58,7 +58,8 @@ Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
 """What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
 _OF_THE_MAP_BEFORE = Outdated(frozenset({CueKind.MAP_NEWS, CueKind.MAP_ADVICE}))
-"""That there is no map, or how far it is built, is no longer true of a new one. What somebody has asked for is answered all the same."""
+"""That there is no map, or how far it is built, is no longer true of a new one. What somebody has asked for is answered
+all the same."""
 _WISHES: dict[type[ConsoleMessage], StateEvent] = {
     ClearDestination: StateEvent.STOP,
     Pause: StateEvent.PAUSE,

@@ -298,7 +298,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
         required_m = min(required_m, _narrow_m(cycle), there.reach_m + _BESIDE_MARGIN_M)
         required_m = max(required_m, settings.obstacle.stop_distance_m)
     free, heard = (
-        _towards(cycle, error, walkable(each, required_m)) for each in (cycle.scan.candidates, _as_heard(cycle))
+        _towards(cycle, error, walkable(each, required_m)) for each in (_directions(cycle), _as_heard(cycle))
     )
     last = _last_direction(cycle, heading)
     best = optimal_direction(heard or free, there.expected, heading, there.deviation_m, settings.follower, last)
@@ -311,7 +311,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
         best = best if first is None else first
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
-        narrow = _towards(cycle, error, walkable(cycle.scan.candidates, narrow_m))
+        narrow = _towards(cycle, error, walkable(_directions(cycle), narrow_m))
         best = widest_direction(narrow, there.expected, heading)
         return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
     if best is not None and settings.follower.policy == "road_centred":
@@ -331,21 +331,28 @@ def _towards(
 
 def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
     """Return D as it is walked: a direction that sounds like straight ahead is free no farther than straight ahead."""
-    if not _is_ahead_known(cycle):
-        return tuple(each for each in cycle.scan.candidates if not _sounds_straight(cycle, each.angle))
-    ahead_m = cycle.scan.nearest_ahead_m
+    ahead_m, directions = cycle.scan.nearest_ahead_m, _directions(cycle)
     if ahead_m is None:
-        return cycle.scan.candidates
+        return directions
     return tuple(
         replace(each, clearance_m=min(each.clearance_m, ahead_m)) if _sounds_straight(cycle, each.angle) else each
-        for each in cycle.scan.candidates
+        for each in directions
     )
 
 
+def _directions(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
+    """Return D; without what sounds like straight ahead where nobody has seen what is there."""
+    if _is_ahead_known(cycle):
+        return cycle.scan.candidates
+    return tuple(each for each in cycle.scan.candidates if not _sounds_straight(cycle, each.angle))
+
+
 def _is_ahead_known(cycle: _Cycle) -> bool:
-    """Whether straight ahead is one of the directions D: what nobody has seen there is not free."""
-    near_rad = math.radians(cycle.settings.obstacle.candidate_step_deg / 2.0) + 1e-6
-    return any(abs(each.angle) <= near_rad for each in cycle.scan.candidates)
+    """Whether it has been seen what is straight ahead: it is one of the directions D, or closed by something near."""
+    obstacle, ahead_m = cycle.settings.obstacle, cycle.scan.nearest_ahead_m
+    near_rad = math.radians(obstacle.candidate_step_deg / 2.0) + 1e-6
+    is_closed = ahead_m is not None and ahead_m <= obstacle.stop_distance_m
+    return is_closed or any(abs(each.angle) <= near_rad for each in cycle.scan.candidates)
 
 
 def _sounds_straight(cycle: _Cycle, direction: RelativeAngle) -> bool:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import os
 import queue
 import sqlite3
 import threading
@@ -228,7 +229,8 @@ def _damaged(path: Path, count: int) -> Path:
 
 def refuse_damaged(path: Path) -> None:
     """Look whether a journal is whole, and change nothing. Raises InputError where it is not."""
-    if not path.is_file():
+    # Path.is_file raises where the folder may not be read, or the disk fails; nothing is known against the file then.
+    if not os.path.isfile(path):
         return
     try:
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:

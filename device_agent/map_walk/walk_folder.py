@@ -7,6 +7,7 @@ it. What a device finds as ``recording`` or ``recorded`` at its start was broken
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 from pathlib import Path
 from typing import Literal
@@ -17,7 +18,9 @@ from navcore.site_files import write_whole
 
 Stage = Literal["recording", "recorded", "built", "handed_over", "sent", "failed"]
 STATE_FILE, CHECKSUMS_FILE = "walk.json", "SHA256SUMS"
-_BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
+BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
+"""What a walk that was not brought to an end is found as."""
+_log = logging.getLogger(__name__)
 
 
 class WalkState(msgspec.Struct, frozen=True):
@@ -43,13 +46,14 @@ def new_walk(folder: Path, date: str) -> Path:
 
 
 def walks_in(folder: Path) -> tuple[Path, ...]:
-    """Return all walks, oldest first."""
-    return tuple(sorted(folder.glob("walk-*"))) if folder.is_dir() else ()
-
-
-def broken_off(folder: Path) -> tuple[Path, ...]:
-    """Return the walks that were not brought to an end, oldest first."""
-    return tuple(walk for walk in walks_in(folder) if read_state(walk).stage in _BROKEN_OFF)
+    """Return all walks, oldest first; none where the folder cannot be read, for nobody is to wait for a map walk."""
+    try:
+        return tuple(sorted(path for path in folder.iterdir() if path.name.startswith("walk-")))
+    except (FileNotFoundError, NotADirectoryError):
+        return ()
+    except OSError as error:
+        _log.warning("the map walks in %s cannot be listed, and wait: %s", folder, error)
+        return ()
 
 
 def handed_over(folder: Path) -> tuple[Path, ...]:

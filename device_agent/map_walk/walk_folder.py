@@ -14,6 +14,7 @@ from typing import Literal
 
 import msgspec
 
+from navcore.recording_archive import recording_files
 from navcore.site_files import write_whole
 
 Stage = Literal["recording", "recorded", "built", "handed_over", "sent", "failed"]
@@ -76,10 +77,8 @@ def write_state(walk: Path, state: WalkState) -> None:
 
 def write_checksums(walk: Path) -> None:
     """Write the SHA-256 of every file of a recording, as ``sha256sum --check SHA256SUMS`` reads it. Raises OSError."""
-    own = (STATE_FILE, CHECKSUMS_FILE)
-    files = [path for path in sorted(walk.rglob("*")) if path.is_file() and path.name not in own]
     lines = []
-    for path in files:
+    for path in recording_files(walk, (STATE_FILE, CHECKSUMS_FILE)):
         with path.open("rb") as file:
             lines.append(f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(walk).as_posix()}\n")
     write_whole(walk / CHECKSUMS_FILE, "".join(lines).encode())

@@ -66,7 +66,8 @@ def read_state(walk: Path) -> WalkState:
     """Return how far a walk has come; one whose state cannot be read has failed, and its recording is left alone."""
     try:
         return msgspec.json.decode((walk / STATE_FILE).read_bytes(), type=WalkState)
-    except (OSError, msgspec.MsgspecError):
+    except (OSError, ValueError, RecursionError, msgspec.MsgspecError):
+        # ValueError: what is no UTF-8 is told by Python's own error.
         return WalkState("failed")
 
 

@@ -330,7 +330,8 @@ def test_a_damaged_state_of_a_walk_stops_no_start_and_no_other_walk(tmp_path: Pa
     assert read_state(damaged) == WalkState("failed")
     write_state(other, WalkState("recorded", attempts=MAX_ATTEMPTS))
     plan = WalkPlan(tmp_path, tmp_path / "site", beside=False)
-    DeviceMapWalks(plan, head_camera(320, 240), make_localizer, [].append).take_up(Settings())
+    orders: list[Order] = []
+    DeviceMapWalks(plan, head_camera(320, 240), make_localizer, orders.append).take_up(Settings())
     assert read_state(other).reason, "it had its turn"
     assert (damaged / STATE_FILE).read_bytes() == damage, "it is left alone"
     write_state(other, WalkState("handed_over"))

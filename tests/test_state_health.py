@@ -25,6 +25,7 @@ from device_agent.link_state import LinkState
 from device_agent.localization import make_localizer
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.map_walk.walk_folder import new_walk, walks_in
+from device_agent.orders import Order
 from device_agent.state_health import _what_is_wrong, damages, refuse_unwritable
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.errors import InputError
@@ -171,7 +172,8 @@ def full(folder: Path) -> DeviceStore:
 def test_a_folder_of_another_user_is_told_and_taken_for_empty(tmp_path: Path) -> None:
     folder = tmp_path / "state"
     store, calibrations = full(folder), CalibrationStore(folder)
-    plan, orders = WalkPlan(folder / "map-walks", tmp_path / "site", beside=False), []
+    plan = WalkPlan(folder / "map-walks", tmp_path / "site", beside=False)
+    orders: list[Order] = []
     walks = DeviceMapWalks(plan, CameraIntrinsics(64, 48, 50.0, 50.0, 32.0, 24.0), make_localizer, orders.append)
     with forbidden(folder):
         with pytest.raises(InputError, match=r"may not be written by the user .*: run `sudo chown -R "):

@@ -68,10 +68,11 @@ class CalibrationStore:
             now_s: the present time, seconds since 1970.
 
         Raises:
-            InputError: where the folder cannot be written; what was stored before stays then.
+            InputError: where the folder cannot be read or written; what was stored before stays then.
         """
-        revisions = [int(path.stem) for path in self._history()]
-        fresh = _sealed(StoredCalibration(FORMAT, SCHEMA_VERSION, max(revisions, default=0) + 1, now_s, calibration))
+        earlier = self._history()
+        revision = int(earlier[-1].stem) + 1 if earlier else 1
+        fresh = _sealed(StoredCalibration(FORMAT, SCHEMA_VERSION, revision, now_s, calibration))
         data = msgspec.json.format(msgspec.json.encode(fresh), indent=1)
         try:
             self.history_folder.mkdir(parents=True, exist_ok=True)
@@ -83,32 +84,34 @@ class CalibrationStore:
                 f"The calibration cannot be kept in {self.path.parent} ({error.strerror}): free the disk, or name"
                 " another folder with --state."
             ) from error
-        for path in self._history()[:-_KEPT_COUNT]:
+        for path in earlier[: 1 - _KEPT_COUNT]:
             with contextlib.suppress(OSError):
                 path.unlink()
         return fresh
 
     def history(self) -> Iterator[StoredCalibration]:
-        """Return the calibrations that are kept, oldest first; those that are damaged are left out."""
-        for path in self._history():
+        """Return the calibrations that are kept, oldest first; those that cannot be read are left out."""
+        try:
+            paths = self._history()
+        except InputError:
+            return
+        for path in paths:
             with contextlib.suppress(InputError):
                 yield read_calibration_file(path)
 
     def restore(self, revision: int, now_s: float) -> StoredCalibration:
         """Make an earlier calibration the newest one. Raises InputError where there is none with that number."""
-        path = self.history_folder / f"{revision:04d}.json"
-        if not path.exists():
-            kept = ", ".join(str(int(each.stem)) for each in self._history()) or "none"
-            raise InputError(f"There is no calibration {revision}: choose one of those that are kept ({kept}).")
-        return self.store(read_calibration_file(path).calibration, now_s)
+        kept = {int(path.stem): path for path in self._history()}
+        if revision not in kept:
+            numbers = ", ".join(map(str, kept)) or "none"
+            raise InputError(f"There is no calibration {revision}: choose one of those that are kept ({numbers}).")
+        return self.store(read_calibration_file(kept[revision]).calibration, now_s)
 
     def _is_there(self) -> bool:
         try:
             return self.path.exists()
         except OSError as error:
-            raise InputError(
-                f"{self.path} cannot be read ({error.strerror}): run this as the device's user."
-            ) from error
+            raise _not_readable(self.path, error) from error
 
     def _newest_kept(self) -> StoredCalibration | None:
         return max(self.history(), key=lambda kept: kept.revision, default=None)
@@ -122,8 +125,22 @@ class CalibrationStore:
         return f"take the newest one that is kept with `vbr calibrate restore {kept.revision} --state {folder}`"
 
     def _history(self) -> list[Path]:
-        found = self.history_folder.glob("*.json")
-        return sorted((path for path in found if path.stem.isdecimal()), key=lambda path: int(path.stem))
+        """Return the files of the history, oldest first. Raises InputError where the folder cannot be listed.
+
+        Taken for empty, it would be numbered anew, and what is there overwritten.
+        """
+        try:
+            found = list(self.history_folder.iterdir())
+        except (FileNotFoundError, NotADirectoryError):
+            return []
+        except OSError as error:
+            raise _not_readable(self.history_folder, error) from error
+        numbered = [path for path in found if path.suffix == ".json" and path.stem.isdecimal()]
+        return sorted(numbered, key=lambda path: int(path.stem))
+
+
+def _not_readable(path: Path, error: OSError) -> InputError:
+    return InputError(f"{path} cannot be read ({error.strerror}): run this as the device's user.")
 
 
 def read_calibration_file(path: Path, advice: Callable[[], str] = lambda: _CALIBRATE_AGAIN) -> StoredCalibration:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import itertools
 import logging
+import os
 import queue
 import sqlite3
 import threading
@@ -23,6 +24,9 @@ MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000
 _MAX_TEXT = 500
 _IN_MEMORY = ":memory:"
+_BEYOND_THE_DISK = 1 << 32
+"""By how much a journal in memory numbers beyond what the console has: more events than any journal on disk issues
+while no console hears of them, so that the one on disk later finds its own numbers passed. The wire counts to 2^53."""
 _log = logging.getLogger(__name__)
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS event (
@@ -32,12 +36,19 @@ CREATE TABLE IF NOT EXISTS issued (
     only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL
 ) STRICT;
 INSERT OR IGNORE INTO issued VALUES (1, 0);
+CREATE TABLE IF NOT EXISTS agreed (
+    only INTEGER PRIMARY KEY CHECK (only = 1), once INTEGER NOT NULL
+) STRICT;
+INSERT OR IGNORE INTO agreed SELECT 1, sequence > 0 FROM issued;
 CREATE TABLE IF NOT EXISTS gap (
     only INTEGER PRIMARY KEY CHECK (only = 1), sequence INTEGER NOT NULL, missing_count INTEGER NOT NULL
 ) STRICT;
 INSERT OR IGNORE INTO gap VALUES (1, 0, 0);
 """
-"""``gap`` is the event that stands for those that were too many, and how many they are."""
+"""``agreed`` is whether a console has ever been met; journals from before it was kept are taken to have met one.
+
+``gap`` is the event that stands for those that were too many, and how many they are.
+"""
 
 _Occurrence = tuple[float, EventKind, str]
 _Work = _Occurrence | Callable[[], None] | None
@@ -57,6 +68,7 @@ class EventJournal:
         where the file cannot be written.
         """
         self._max_count = max_count
+        self._is_on_disk = path is not None
         self.on_stored = on_stored
         """Called, in the journal's thread, when new events are safe on disk."""
         self.damaged: Path | None
@@ -106,19 +118,20 @@ class EventJournal:
     def agree(self, last_stored: int) -> None:
         """Come to terms with a console that has this device's events up to ``last_stored``.
 
-        A console that knows more events than this journal ever issued knew an earlier journal of this device (a disk
-        was replaced): what waits here is numbered after those, so that nothing is taken for known.
+        What the console knows is of an earlier journal of this device where this one meets it for the first time, or
+        never issued so many numbers (a disk was replaced, a damaged journal put aside, or events waited in memory
+        meanwhile). What waits here is numbered after those then, so that nothing is taken for known.
+
+        A journal on disk that is passed over for one start, with events in it that the console has stored and not yet
+        confirmed, tells these twice: nothing here says that they arrived.
         """
         with self._lock, self._transaction():
-            issued = self._issued()
-            if last_stored <= issued:
+            (has_agreed,) = self._base.execute("SELECT once FROM agreed").fetchone()
+            if has_agreed and last_stored <= self._issued():
                 self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_stored,))
                 return
-            # By way of negative numbers, so that no two rows share one on the way.
-            self._base.execute("UPDATE event SET sequence = -(sequence + ?)", (last_stored,))
-            self._base.execute("UPDATE event SET sequence = -sequence")
-            self._base.execute("UPDATE issued SET sequence = ?", (issued + last_stored,))
-            self._base.execute("UPDATE gap SET sequence = sequence + ?", (last_stored,))
+            self._number_after(last_stored if has_agreed or self._is_on_disk else last_stored + _BEYOND_THE_DISK)
+            self._base.execute("UPDATE agreed SET once = 1")
 
     def close(self) -> None:
         """Write what was handed over, and close the file."""
@@ -190,6 +203,16 @@ class EventJournal:
         self._base.execute("INSERT INTO event VALUES (?, ?, 'link', ?)", (last_going, stamp_s, text))
         self._base.execute("UPDATE gap SET sequence = ?, missing_count = ?", (last_going, missing_count))
 
+    def _number_after(self, last: int) -> None:
+        """Number what waits from ``last`` + 1 on, where it is not beyond that already, and what comes next after it."""
+        (first,) = self._base.execute("SELECT COALESCE(MIN(sequence), ?) FROM event", (self._issued() + 1,)).fetchone()
+        shift = max(0, last + 1 - first)
+        # By way of negative numbers, so that no two rows share one on the way.
+        self._base.execute("UPDATE event SET sequence = -(sequence + ?)", (shift,))
+        self._base.execute("UPDATE event SET sequence = -sequence")
+        self._base.execute("UPDATE issued SET sequence = sequence + ?", (shift,))
+        self._base.execute("UPDATE gap SET sequence = sequence + ?", (shift,))
+
     def _issued(self) -> int:
         return int(self._base.execute("SELECT sequence FROM issued").fetchone()[0])
 
@@ -228,7 +251,8 @@ def _damaged(path: Path, count: int) -> Path:
 
 def refuse_damaged(path: Path) -> None:
     """Look whether a journal is whole, and change nothing. Raises InputError where it is not."""
-    if not path.is_file():
+    # Path.is_file raises where the folder may not be read, or the disk fails; nothing is known against the file then.
+    if not os.path.isfile(path):
         return
     try:
         with contextlib.closing(sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True)) as base:

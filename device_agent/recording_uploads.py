@@ -55,16 +55,9 @@ class RecordingUploads:
             return
         while True:
             self._waits.clear()
-            for walk in await asyncio.to_thread(self._waiting, self._folder):
+            for walk in await asyncio.to_thread(handed_over, self._folder):
                 await self._send(walk)
             await self._waits.wait()
-
-    def _waiting(self, folder: Path) -> tuple[Path, ...]:
-        try:
-            return handed_over(folder)
-        except OSError as error:
-            _log.warning("the map walks in %s cannot be listed: %s", folder, error)
-            return ()
 
     async def _send(self, walk: Path) -> None:
         try:

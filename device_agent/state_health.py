@@ -50,7 +50,7 @@ def largest_folders(folder: Path) -> str:
 
 def _what_is_wrong(folder: Path, error: OSError) -> str:
     above = _nearest_that_is_there(folder)
-    if not above.is_dir():
+    if isinstance(error, (FileExistsError, NotADirectoryError)):
         return f"{above} is a file, and the device's own folder cannot be there: name a folder with --state DIR"
     if error.errno == errno.EROFS:
         mounted = shlex.quote(str(_mount_point(above)))
@@ -61,12 +61,20 @@ def _what_is_wrong(folder: Path, error: OSError) -> str:
     if error.errno in _FULL:
         return f"{folder} lies on a disk that is full: remove what is not needed; {largest_folders(above)}"
     if error.errno in _FORBIDDEN:
-        user = pwd.getpwuid(os.geteuid()).pw_name
+        user = _user()
         return (
             f"{folder} may not be written by the user {user}: run `sudo chown -R {user} {shlex.quote(str(above))}`, or"
             " name another folder with --state DIR"
         )
     return f"{folder} cannot be written ({error.strerror}): name another folder with --state DIR"
+
+
+def _user() -> str:
+    """Return the name of the user who runs this; the number of one who has no entry among the users."""
+    try:
+        return pwd.getpwuid(os.geteuid()).pw_name
+    except KeyError:
+        return str(os.geteuid())
 
 
 def _nearest_that_is_there(path: Path) -> Path:

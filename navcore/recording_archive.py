@@ -41,6 +41,8 @@ class RecordingArchive:
     def __init__(self, source: Path, leave_out: Collection[str] = ()) -> None:
         """``source`` is a folder, or a file; ``leave_out`` names files of the folder that are no part of it.
 
+        Names that begin with a dot are none either (:func:`recording_files`).
+
         Raises RecordingError where there is nothing, or a name that an archive does not hold.
         """
         self._parts = _parts_of_folder(source, leave_out) if source.is_dir() else _parts_of_file(source)
@@ -70,6 +72,17 @@ class RecordingArchive:
         return digest.hexdigest()
 
 
+def recording_files(folder: Path, leave_out: Collection[str] = ()) -> list[Path]:
+    """Return the files that a recording consists of, in order: ``leave_out`` names those that are no part of it.
+
+    Nor is what begins with a dot: so is called what a device that was killed had begun to write
+    (:func:`navcore.site_files.write_whole`), and what other programs leave behind. Raises OSError.
+    """
+    inside = (path.relative_to(folder) for path in folder.rglob("*"))
+    seen = sorted(name for name in inside if not any(part.startswith(".") for part in name.parts))
+    return [folder / name for name in seen if name.name not in leave_out and (folder / name).is_file()]
+
+
 def _parts_of_file(path: Path) -> list[_Part]:
     try:
         size_bytes = path.stat().st_size
@@ -83,7 +96,7 @@ def _parts_of_file(path: Path) -> list[_Part]:
 
 
 def _parts_of_folder(folder: Path, leave_out: Collection[str]) -> list[_Part]:
-    files = sorted(path for path in folder.rglob("*") if path.is_file() and path.name not in leave_out)
+    files = recording_files(folder, leave_out)
     if not files:
         raise RecordingError(f"{folder} holds nothing: name the folder of a recording.")
     parts: list[_Part] = []

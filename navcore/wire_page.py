@@ -37,7 +37,9 @@ the disk (`fsync`) when it ends. Whoever kills the device loses, at most, what w
 Sending begins afterwards; the console stores before it confirms, and knows each event by its number, so a repeated one
 is stored once. The journal holds 100 000 events. When it is full the *oldest* go, and in their place stands an event
 that says how many are missing; nothing is dropped silently. A journal that is damaged is put aside, said so, and a new
-one begun: its events are numbered after those that the console has.
+one begun: its events are numbered after those that the console has, and so are those of a journal in memory, where the
+disk takes none. What waits on the disk meanwhile is numbered after these in turn; only then may an event come twice:
+one that the console had stored, but not confirmed, before the disk was passed over.
 
 ## Clocks
 

@@ -244,6 +244,68 @@ def test_the_journal_numbers_on_after_a_console_that_knows_more(tmp_path: Path) 
     journal.close()
 
 
+def journal_with(path: Path | None, texts: list[str]) -> EventJournal:
+    journal = EventJournal(path)
+    for text in texts:
+        journal.append(0.0, "cue", text)
+    journal.flush()
+    return journal
+
+
+def told(journal: EventJournal, last_stored: int) -> tuple[list[str], int]:
+    """Let a console that has events up to a number take all that waits; return it, and the number of the last."""
+    journal.agree(last_stored)
+    events = journal.pending(last_stored, 1000)
+    assert [event.sequence for event in journal.pending(0, 1000)] == [event.sequence for event in events]
+    assert all(decode_from_device(encode(event)) == event for event in events)
+    last_stored = max((event.sequence for event in events), default=last_stored)
+    journal.confirm(last_stored)
+    return [event.text for event in events], last_stored
+
+
+@pytest.mark.parametrize("on_disk", [True, False])
+def test_a_new_journal_takes_nothing_for_known_that_the_console_has_of_an_earlier_one(
+    on_disk: bool, tmp_path: Path
+) -> None:
+    texts = [f"cue {index}" for index in range(10)]
+    journal = journal_with(tmp_path / "events.sqlite" if on_disk else None, texts)
+    journal.agree(5)
+    waiting = journal.pending(5)
+    assert [event.text for event in waiting] == texts
+    journal.agree(waiting[3].sequence)
+    assert [event.text for event in journal.pending(0)] == texts[4:], "from the second time on, they are its own"
+    journal.close()
+
+
+@pytest.mark.parametrize("before_it_was_kept", [False, True])
+def test_a_journal_that_has_met_the_console_knows_its_numbers_again_after_a_restart(
+    before_it_was_kept: bool, tmp_path: Path
+) -> None:
+    path = tmp_path / "events.sqlite"
+    journal = journal_with(path, ["stored", "also stored", "untold"])
+    journal.agree(0)
+    if before_it_was_kept:
+        journal._base.execute("DROP TABLE agreed")
+    journal.close()
+    journal = EventJournal(path)
+    assert told(journal, 2) == (["untold"], 3)
+    journal.close()
+
+
+def test_events_that_wait_on_a_disk_outlive_starts_without_it(tmp_path: Path) -> None:
+    path, last_stored = tmp_path / "events.sqlite", 0
+    for start in range(60):
+        on_disk = journal_with(path, [f"told {start}"])
+        texts, last_stored = told(on_disk, last_stored)
+        assert texts == [*([f"late {start - 1} {index}" for index in range(5)] if start else []), f"told {start}"]
+        on_disk.close()
+        journal_with(path, [f"late {start} {index}" for index in range(5)]).close()
+        in_memory = journal_with(None, ["memory 0", "memory 1"])
+        texts, last_stored = told(in_memory, last_stored)
+        assert texts == ["memory 0", "memory 1"]
+        in_memory.close()
+
+
 @pytest.mark.parametrize("damage", [b"not a database" * 100, b""], ids=["another file", "pages overwritten"])
 def test_a_damaged_journal_is_put_aside_and_the_device_starts_all_the_same(tmp_path: Path, damage: bytes) -> None:
     path = tmp_path / "events.sqlite"

@@ -24,7 +24,14 @@ from device_agent.map_walk.map_walks import MAX_ATTEMPTS, DeviceMapWalks, WalkPl
 from device_agent.map_walk.recorder import RESERVE_BYTES, WalkRecording
 from device_agent.map_walk.report import report_told
 from device_agent.map_walk.tracker import WalkTracker
-from device_agent.map_walk.walk_folder import WalkState, new_walk, read_state, write_state
+from device_agent.map_walk.walk_folder import (
+    STATE_FILE,
+    WalkState,
+    handed_over,
+    new_walk,
+    read_state,
+    write_state,
+)
 from device_agent.orders import Order
 from device_agent.ports import Button, PressKind
 from device_agent.recording.options import RecordingOptions
@@ -310,6 +317,25 @@ def test_what_takes_the_device_down_is_not_begun_for_ever(tmp_path: Path, frames
     DeviceMapWalks(plan, head_camera(320, 240), make_localizer, orders.append).take_up(Settings())
     assert read_state(walk).stage == "failed"
     assert "vbr map build" in read_state(walk).reason
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [b'{"stage":"recorded","date":"\xff"}', b"\xff" * 40, b'{"x":' + b"[" * 100_000, b"", bytes(40)],
+    ids=["no UTF-8 in a text", "no UTF-8", "too deep", "empty", "zeros"],
+)
+def test_a_damaged_state_of_a_walk_stops_no_start_and_no_other_walk(tmp_path: Path, damage: bytes) -> None:
+    damaged, other = new_walk(tmp_path, ""), new_walk(tmp_path, "")
+    (damaged / STATE_FILE).write_bytes(damage)
+    assert read_state(damaged) == WalkState("failed")
+    write_state(other, WalkState("recorded", attempts=MAX_ATTEMPTS))
+    plan = WalkPlan(tmp_path, tmp_path / "site", beside=False)
+    orders: list[Order] = []
+    DeviceMapWalks(plan, head_camera(320, 240), make_localizer, orders.append).take_up(Settings())
+    assert read_state(other).reason, "it had its turn"
+    assert (damaged / STATE_FILE).read_bytes() == damage, "it is left alone"
+    write_state(other, WalkState("handed_over"))
+    assert handed_over(tmp_path) == (other,)
 
 
 def test_the_recording_goes_on_where_the_tracker_fails(tmp_path: Path, frames: list[Frame]) -> None:

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import signal
+import subprocess
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,7 +19,15 @@ from console.server import ConsoleServer
 from device_agent.journal import EventJournal
 from device_agent.link_settings import LinkSettings
 from device_agent.map_download import MapSource
-from device_agent.map_walk.walk_folder import STATE_FILE, WalkState, new_walk, read_state, write_state
+from device_agent.map_walk.walk_folder import (
+    CHECKSUMS_FILE,
+    STATE_FILE,
+    WalkState,
+    new_walk,
+    read_state,
+    write_checksums,
+    write_state,
+)
 from device_agent.recording_upload import InterruptedUploadError, send_recording
 from device_agent.recording_uploads import RecordingUploads
 from device_agent.state import MapWalkTold
@@ -149,6 +160,32 @@ def test_one_that_cannot_be_sent_says_so_and_stops_no_other(
     assert read_state(built).stage == "built", "what was built here stays here"
     (there,) = server.services.recordings.all()
     assert (there.entry.offer.name, there.entry.offer.date, there.entry.device) == (fit.name, "2026-11-29", "Glasses")
+
+
+KILLED_BEFORE_THE_RENAME = """
+import os, signal, sys
+from pathlib import Path
+from device_agent.map_walk.walk_folder import WalkState, write_checksums, write_state
+walk = Path(sys.argv[1])
+sys.addaudithook(lambda event, _: event == "os.rename" and os.kill(os.getpid(), signal.SIGKILL))
+"""
+
+
+def test_what_a_killed_device_had_begun_to_write_is_no_part_of_the_recording(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    walk = waiting_walk(tmp_path / "walks", size_bytes=10)
+    for last in ("write_checksums(walk)", "write_state(walk, WalkState('sent'))"):
+        victim = [sys.executable, "-c", KILLED_BEFORE_THE_RENAME + last, str(walk)]
+        assert subprocess.run(victim, timeout=DEADLINE_S, check=False).returncode == -signal.SIGKILL
+    left = {path.name.partition("-")[0] for path in walk.iterdir() if path.name.startswith(".")}
+    assert left == {f".{STATE_FILE}", f".{CHECKSUMS_FILE}"}
+    write_checksums(walk)
+    assert [line.split()[1] for line in (walk / CHECKSUMS_FILE).read_text().splitlines()] == ["1.png"]
+    assert uploaded(source, tmp_path / "walks", 1) == ["map_sent"]
+    assert read_state(walk) == WalkState("sent", "2026-11-29")
+    (there,) = server.services.recordings.all()
+    assert there.complete
 
 
 def test_a_console_that_is_away_or_refuses_is_told_apart(

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,10 +22,15 @@ from device_agent.doctor import machine
 from device_agent.doctor.findings import Status
 from device_agent.journal import EventJournal, refuse_damaged
 from device_agent.link_state import LinkState
+from device_agent.localization import make_localizer
+from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
+from device_agent.map_walk.walk_folder import new_walk, walks_in
+from device_agent.orders import Order
 from device_agent.state_health import _what_is_wrong, damages, refuse_unwritable
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.errors import InputError
 from navcore.settings import Settings
+from navcore.types import CameraIntrinsics
 
 FLOOR = FloorCalibration(5.0, 1.6, 0.01, 0.26, 0.004, 0.01, 0.003, 30)
 SPOKEN = "The device's storage has a fault. Guidance works. Let somebody look at it."
@@ -131,6 +138,84 @@ def test_events_without_a_disk_wait_in_memory(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
+NOBODY = 65_534
+
+
+@contextlib.contextmanager
+def forbidden(folder: Path) -> Iterator[None]:
+    """Let a folder be one that may not be entered: for root, who may enter any, as another user."""
+    is_root = os.geteuid() == 0
+    folder.chmod(0o000)
+    if is_root:
+        os.seteuid(NOBODY)
+    try:
+        with pytest.raises(PermissionError):
+            os.stat(folder / "anything")
+        yield
+    finally:
+        if is_root:
+            os.seteuid(0)
+        folder.chmod(0o700)
+
+
+def full(folder: Path) -> DeviceStore:
+    """Fill a folder with something of everything that a device keeps, all of it whole."""
+    store = DeviceStore(folder, folder.with_name("site"))
+    refuse_unwritable(folder)
+    store.save_settings(Settings(), 3)
+    CalibrationStore(folder).store(Calibration(FLOOR), 1.0)
+    EventJournal(store.journal_path).close()
+    new_walk(folder / "map-walks", "2026-11-29")
+    return store
+
+
+def test_a_folder_of_another_user_is_told_and_taken_for_empty(tmp_path: Path) -> None:
+    folder = tmp_path / "state"
+    store, calibrations = full(folder), CalibrationStore(folder)
+    plan = WalkPlan(folder / "map-walks", tmp_path / "site", beside=False)
+    orders: list[Order] = []
+    walks = DeviceMapWalks(plan, CameraIntrinsics(64, 48, 50.0, 50.0, 32.0, 24.0), make_localizer, orders.append)
+    with forbidden(folder):
+        with pytest.raises(InputError, match=r"may not be written by the user .*: run `sudo chown -R "):
+            refuse_unwritable(folder)
+        assert [str(error).partition(" in ")[0] for error in damages(store)] == ["The settings"]
+        assert store.load_settings() == (Settings(), 0)
+        stored, error = calibrations.load_or_kept()
+        assert stored is None
+        assert "calibration.json cannot be read (Permission denied)" in str(error)
+        with pytest.raises(InputError, match=r"events\.sqlite cannot be used"):
+            EventJournal(store.journal_path)
+        assert walks_in(plan.folder) == ()
+        walks.take_up(Settings())
+        assert orders == []
+    assert damages(store) == [], "nothing was changed"
+    assert len(walks_in(plan.folder)) == 1
+
+
+def test_a_history_of_calibrations_that_cannot_be_listed_is_not_numbered_anew(tmp_path: Path) -> None:
+    store = CalibrationStore(tmp_path)
+    store.store(Calibration(FLOOR), 1.0)
+    with forbidden(store.history_folder):
+        assert list(store.history()) == []
+        for change in (lambda: store.store(Calibration(), 2.0), lambda: store.restore(1, 2.0)):
+            with pytest.raises(InputError, match=r"calibration-history.* cannot be read .*: run this as the device's"):
+                change()
+    assert [kept.calibration for kept in store.history()] == [Calibration(FLOOR)]
+
+
+def test_a_user_without_an_entry_is_named_by_number(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(os, "geteuid", lambda: 54_321)
+    told = _what_is_wrong(tmp_path / "state", PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+    assert "by the user 54321: run `sudo chown -R 54321 " in told
+
+
+def test_a_link_to_a_folder_of_another_user_is_not_taken_for_a_file(tmp_path: Path) -> None:
+    (tmp_path / "theirs" / "state").mkdir(parents=True)
+    (tmp_path / "link").symlink_to(tmp_path / "theirs" / "state")
+    with forbidden(tmp_path / "theirs"), pytest.raises(InputError, match="may not be written by the user"):
+        refuse_unwritable(tmp_path / "link")
+
+
 def test_the_doctor_says_the_same(tmp_path: Path) -> None:
     store = damaged(tmp_path)
     finding = machine.check_disk(tmp_path, lambda folder: 10 << 30)
@@ -150,16 +235,21 @@ def console() -> Iterator[Console]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("how", ["damaged", "a file"])
+@pytest.mark.parametrize("how", ["damaged", "a file", "another user's"])
 def test_the_device_starts_says_what_is_wrong_and_works(how: str, tmp_path: Path, console: Console) -> None:
     state, token = tmp_path / "state", tmp_path / "token"
     token.write_text(TOKEN)
+    may_less: list[str] = []
     if how == "damaged":
         damaged(state)
-    else:
+    elif how == "a file":
         state.write_text("")
+    else:
+        full(state)
+        state.chmod(0o000)
+        may_less = _without_roots_keys()
     command = [
-        sys.executable, "-m", "device_agent", "device", "--without-map", "--site", str(tmp_path / "site"),
+        *may_less, sys.executable, "-m", "device_agent", "device", "--without-map", "--site", str(tmp_path / "site"),
         "--simulated", "--state", str(state), "--console", f"ws://127.0.0.1:{console.port}", "--token-file", str(token),
     ]  # fmt: skip
     with (tmp_path / "stderr").open("w") as stderr:
@@ -176,10 +266,20 @@ def test_the_device_starts_says_what_is_wrong_and_works(how: str, tmp_path: Path
     expected = {
         "damaged": ["The settings in", "The event journal", "vbr calibrate restore 1 --state", "is kept as events"],
         "a file": ["is a file, and the device's own folder cannot be there: name a folder with --state DIR."],
+        "another user's": ["may not be written by the user", "The settings in", "calibration.json cannot be read"],
     }[how]
     for words in expected:
         assert any(words in text for text in told), (words, told)
         assert words in said
+
+
+def _without_roots_keys() -> list[str]:
+    """Return what a command begins with that root too may enter no closed folder with; for others it is nothing."""
+    if os.geteuid() != 0:
+        return []
+    if shutil.which("setpriv") is None:
+        pytest.skip("root enters every folder, and there is no setpriv on this machine to take that from it")
+    return ["setpriv", "--bounding-set=-dac_override,-dac_read_search"]
 
 
 @pytest.mark.slow

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import datetime
 import logging
+import os
 import shutil
 import threading
 from collections.abc import Callable
@@ -21,8 +22,8 @@ import msgspec
 from device_agent.map_walk.recorder import Show, WalkRecording
 from device_agent.map_walk.report import report_told
 from device_agent.map_walk.walk_folder import (
+    BROKEN_OFF,
     WalkState,
-    broken_off,
     new_walk,
     read_state,
     walks_in,
@@ -152,10 +153,12 @@ class DeviceMapWalks:
         """Bring to an end what was broken off when the device last ended."""
         self._settings = settings
         for walk in walks_in(self._plan.folder):
-            if read_state(walk).stage == "built" and self._plan.staging(walk).is_dir():
+            stage = read_state(walk).stage
+            # Path.is_dir would raise, and end the start, where the disk fails.
+            if stage == "built" and os.path.isdir(self._plan.staging(walk)):
                 self._do(partial(self._guarded, walk, self._hand_to_agent))
-        for walk in broken_off(self._plan.folder):
-            self._do(partial(self._guarded, walk, self._take_up))
+            elif stage in BROKEN_OFF:
+                self._do(partial(self._guarded, walk, self._take_up))
 
     def close(self) -> None:
         """Complete the recording that runs, and end what is being built: the next start goes on with both."""

@@ -7,17 +7,21 @@ it. What a device finds as ``recording`` or ``recorded`` at its start was broken
 from __future__ import annotations
 
 import hashlib
+import logging
 import re
 from pathlib import Path
 from typing import Literal
 
 import msgspec
 
+from navcore.recording_archive import recording_files
 from navcore.site_files import write_whole
 
 Stage = Literal["recording", "recorded", "built", "handed_over", "sent", "failed"]
 STATE_FILE, CHECKSUMS_FILE = "walk.json", "SHA256SUMS"
-_BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
+BROKEN_OFF: tuple[Stage, ...] = ("recording", "recorded")
+"""What a walk that was not brought to an end is found as."""
+_log = logging.getLogger(__name__)
 
 
 class WalkState(msgspec.Struct, frozen=True):
@@ -43,13 +47,14 @@ def new_walk(folder: Path, date: str) -> Path:
 
 
 def walks_in(folder: Path) -> tuple[Path, ...]:
-    """Return all walks, oldest first."""
-    return tuple(sorted(folder.glob("walk-*"))) if folder.is_dir() else ()
-
-
-def broken_off(folder: Path) -> tuple[Path, ...]:
-    """Return the walks that were not brought to an end, oldest first."""
-    return tuple(walk for walk in walks_in(folder) if read_state(walk).stage in _BROKEN_OFF)
+    """Return all walks, oldest first; none where the folder cannot be read, for nobody is to wait for a map walk."""
+    try:
+        return tuple(sorted(path for path in folder.iterdir() if path.name.startswith("walk-")))
+    except (FileNotFoundError, NotADirectoryError):
+        return ()
+    except OSError as error:
+        _log.warning("the map walks in %s cannot be listed, and wait: %s", folder, error)
+        return ()
 
 
 def handed_over(folder: Path) -> tuple[Path, ...]:
@@ -61,7 +66,8 @@ def read_state(walk: Path) -> WalkState:
     """Return how far a walk has come; one whose state cannot be read has failed, and its recording is left alone."""
     try:
         return msgspec.json.decode((walk / STATE_FILE).read_bytes(), type=WalkState)
-    except (OSError, msgspec.MsgspecError):
+    except (OSError, ValueError, RecursionError, msgspec.MsgspecError):
+        # ValueError: what is no UTF-8 is told by Python's own error.
         return WalkState("failed")
 
 
@@ -72,10 +78,8 @@ def write_state(walk: Path, state: WalkState) -> None:
 
 def write_checksums(walk: Path) -> None:
     """Write the SHA-256 of every file of a recording, as ``sha256sum --check SHA256SUMS`` reads it. Raises OSError."""
-    own = (STATE_FILE, CHECKSUMS_FILE)
-    files = [path for path in sorted(walk.rglob("*")) if path.is_file() and path.name not in own]
     lines = []
-    for path in files:
+    for path in recording_files(walk, (STATE_FILE, CHECKSUMS_FILE)):
         with path.open("rb") as file:
             lines.append(f"{hashlib.file_digest(file, 'sha256').hexdigest()}  {path.relative_to(walk).as_posix()}\n")
     write_whole(walk / CHECKSUMS_FILE, "".join(lines).encode())

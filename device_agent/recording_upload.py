@@ -54,7 +54,8 @@ async def send_recording(
             await until_quiet()
             before = held.next_byte
             held = await _send_piece(client, archive, offer.sha256, before)
-            if held.next_byte < before:
+            if held.next_byte <= before:
+                # A piece that was taken always advances: what has come so far was damaged, and is asked for anew.
                 beginnings += 1
             if beginnings > MAX_BEGINNINGS:
                 raise VbrError("The recording has come damaged again and again: see to the disks of both machines.")

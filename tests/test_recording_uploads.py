@@ -169,7 +169,17 @@ def test_a_console_that_is_away_or_refuses_is_told_apart(
     with pytest.raises(VbrError, match="is empty") as refused:
         send(source, RecordingOffer("recording", "walk", 0, offer_of(archive).sha256))
     assert not isinstance(refused.value, InterruptedUploadError)
-    # What never comes as it was offered is not begun for ever.
+
+
+@pytest.mark.parametrize("size_bytes", [1000, 3 * PIECE_BYTES], ids=["one piece", "several pieces"])
+def test_what_never_comes_as_it_was_offered_is_not_begun_for_ever(
+    source: MapSource, tmp_path: Path, size_bytes: int
+) -> None:
+    archive = RecordingArchive(waiting_walk(tmp_path / "walks", size_bytes=size_bytes), {STATE_FILE})
     wrong = RecordingOffer("recording", "walk", archive.size_bytes, "0" * 64)
+
+    async def at_once() -> None:
+        return
+
     with pytest.raises(VbrError, match="damaged again and again"):
-        send(source, wrong)
+        asyncio.run(asyncio.wait_for(send_recording(archive, wrong, source, at_once), DEADLINE_S))

@@ -23,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from console.errors import BadRequestError, ConflictError
-from console.recordings import RESERVE_BYTES, BuiltMap, Recordings, StoredRecording
+from console.recordings import RESERVE_BYTES, BuiltMap, Recordings, StoredRecording, plain_name
 from navcore.errors import VbrError
 from navcore.folder_swap import sync_tree
 from navcore.map_building import MapBuilding
@@ -110,7 +110,7 @@ class MapBuilds:
         work = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self.folder))
         try:
             unpack_recording(stored.file, work / "recording", MAX_RECORDING_BYTES)
-            name = stored.file.stem
+            name = f"{plain_name(offer)}-{offer.sha256[:8]}"
             if not self._building.build(work / "recording", work / "site", offer.name, offer.date, self._note_percent):
                 return BuiltMap("failed", who, reason=_BROKEN_OFF)
             report = read_manifest(work / "site").report

@@ -5,7 +5,7 @@
     FOLDER/
       SHA256.json       what was offered, by whom, and what became of the map that was built of it
       SHA256.part       as far as it has come
-      NAME-SHA.tar      a recording (NAME-SHA.mcap: a walk): whole, its checksum fits
+      NAME-SHA256.tar   a recording (NAME-SHA256.mcap: a walk): whole, its checksum fits
 
 A recording gets its last name in one step when its checksum fits, so whoever is killed meanwhile finds it whole, or
 goes on with it. Nothing here is ever deleted but what turned out to be damaged.
@@ -79,10 +79,14 @@ class StoredRecording:
     have_bytes: int
 
 
+def plain_name(offer: RecordingOffer) -> str:
+    """Return what a recording is called, as far as that makes a name of a file."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", offer.name).strip("-")[:_NAME_LENGTH].lower() or "recording"
+
+
 def file_name(offer: RecordingOffer) -> str:
-    """Return the name of the file of a recording: what it is called, as far as that makes a name, and what it is."""
-    plain = re.sub(r"[^A-Za-z0-9]+", "-", offer.name).strip("-")[:_NAME_LENGTH].lower() or "recording"
-    return f"{plain}-{offer.sha256[:8]}{_SUFFIXES[offer.kind]}"
+    """Return the name of the file of a recording; its whole checksum is in it, so no other has the same."""
+    return f"{plain_name(offer)}-{offer.sha256}{_SUFFIXES[offer.kind]}"
 
 
 class Recordings:

@@ -21,7 +21,7 @@ from console.server import ConsoleServer
 from device_agent.simulation.sensors import head_camera
 from navcore.live_recording import LiveRecording
 from navcore.recording_archive import RecordingArchive
-from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingOffer, piece_path
+from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingHeld, RecordingOffer, piece_path
 from navcore.site import Site, load_site, map_checksum, save_site
 
 DATA = bytes(range(256)) * 40
@@ -89,7 +89,7 @@ def test_a_recording_comes_piece_by_piece_and_gets_its_name_once_it_is_whole(
     assert sender.put(4000, DATA[4000:]).json() == {"next_byte": len(DATA), "complete": True}
     (shown,) = listed(admin)
     assert shown["complete"]
-    kept = tmp_path / "data" / "recordings" / f"walk-of-monday-{SHA256[:8]}.tar"
+    kept = tmp_path / "data" / "recordings" / f"walk-of-monday-{SHA256}.tar"
     assert Path(shown["file"]) == kept
     assert kept.read_bytes() == DATA
     assert not list(kept.parent.glob("*.part"))
@@ -159,6 +159,13 @@ def test_nobody_sends_without_a_token_and_only_who_maps_sees_them(
     assert invited(admin, "Vera", "viewer").http.get("/api/recordings").status_code == 403
     for role in ("editor", "technician"):
         assert len(listed(invited(admin, role, role))) == 1
+
+
+def test_a_recording_whose_checksum_begins_as_that_of_another_does_is_another(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "r", lambda: 0.0)
+    store(recordings, DATA)
+    alike = offer_of(sha256=SHA256[:8] + "0" * 56)
+    assert recordings.offer(alike, "glasses") == RecordingHeld(0, False)
 
 
 def test_a_full_disk_is_told_and_nothing_that_has_come_is_lost(tmp_path: Path) -> None:

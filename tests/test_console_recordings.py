@@ -136,16 +136,27 @@ def test_an_offer_that_cannot_be_taken_is_refused_with_a_sentence(
     assert listed(admin) == []
 
 
-def test_a_device_cannot_write_into_what_another_is_sending(
+def test_a_device_with_another_token_goes_on_with_what_it_has_begun(
     server: ConsoleServer, sender: Sender, admin: Person
 ) -> None:
     sender.offer()
     sender.put(0, DATA[:1000])
-    other = Sender(server, admin, "Other glasses")
-    assert other.offer().status_code == 409
-    assert other.put(1000, b"spoiled").status_code == 409
-    assert sender.put(1000, DATA[1000:]).json()["complete"]
-    assert other.offer().json()["complete"], "once it is whole, it is the same recording whoever has it"
+    again = Sender(server, admin, "New token")
+    assert again.offer(name="walk-0001 again").json() == {"next_byte": 1000, "complete": False}
+    (shown,) = listed(admin)
+    assert (shown["device"], shown["name"]) == ("New token", "walk-0001 again"), "they are as the last offer says"
+    assert sender.put(1000, DATA[1000:2000]).json()["next_byte"] == 2000, "two that have the same help each other"
+    assert again.put(2000, DATA[2000:]).json()["complete"]
+    assert sender.offer().json()["complete"], "once it is whole, it is the same recording whoever has it"
+    assert listed(admin)[0]["device"] == "New token"
+
+
+def test_an_offer_that_was_wrong_about_the_size_is_no_hindrance_to_the_next(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "r", lambda: 0.0)
+    recordings.offer(offer_of(size_bytes=len(DATA) + 1000), "spoiled")
+    recordings.add(SHA256, 0, DATA + bytes(100))
+    assert recordings.offer(offer_of(), "glasses") == RecordingHeld(0, False), "more is here than there can be"
+    assert recordings.add(SHA256, 0, DATA).complete
 
 
 def test_nobody_sends_without_a_token_and_only_who_maps_sees_them(
@@ -172,12 +183,18 @@ def test_a_full_disk_is_told_and_nothing_that_has_come_is_lost(tmp_path: Path) -
     free_bytes = RESERVE_BYTES + len(DATA)
     recordings = Recordings(tmp_path / "r", lambda: 0.0, lambda folder: free_bytes)
     recordings.offer(offer_of(), "glasses")
-    recordings.add(SHA256, 0, DATA[:1000], "glasses")
+    recordings.add(SHA256, 0, DATA[:1000])
     free_bytes -= 1001
     with pytest.raises(NoRoomError, match="free its disk"):
         recordings.offer(offer_of(), "glasses")
     free_bytes += 1
     assert recordings.offer(offer_of(), "glasses").next_byte == 1000
+    # What others write meanwhile is not known at the offer: each piece looks again.
+    free_bytes = RESERVE_BYTES + 99
+    with pytest.raises(NoRoomError, match="free its disk"):
+        recordings.add(SHA256, 1000, DATA[1000:1100])
+    free_bytes += 1
+    assert recordings.add(SHA256, 1000, DATA[1000:1100]).next_byte == 1100
 
 
 def test_no_device_begins_more_recordings_than_a_few(tmp_path: Path) -> None:
@@ -212,7 +229,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def store(recordings: Recordings, data: bytes, **changes: Any) -> str:
     offer = offer_of(data, **changes)
     recordings.offer(offer, "glasses")
-    assert recordings.add(offer.sha256, 0, data, "glasses").complete
+    assert recordings.add(offer.sha256, 0, data).complete
     return offer.sha256
 
 

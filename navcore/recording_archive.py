@@ -11,7 +11,7 @@ import hashlib
 import os
 import re
 import tarfile
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
@@ -64,10 +64,25 @@ class RecordingArchive:
 
     def sha256(self) -> str:
         """Return the checksum of the whole stream. Raises RecordingError."""
-        digest = hashlib.sha256()
-        for offset in range(0, self.size_bytes, _PIECE_BYTES):
+        hashing = self.hashing()
+        while (sha256 := hashing()) is None:
+            pass
+        return sha256
+
+    def hashing(self) -> Callable[[], str | None]:
+        """Return what reads the next piece at each call, and returns the checksum of the whole once all is read.
+
+        For whoever has something else to do in between. The calls raise RecordingError.
+        """
+        digest, offsets = hashlib.sha256(), iter(range(0, self.size_bytes, _PIECE_BYTES))
+
+        def read_next() -> str | None:
+            if (offset := next(offsets, None)) is None:
+                return digest.hexdigest()
             digest.update(self.read(offset, _PIECE_BYTES))
-        return digest.hexdigest()
+            return None
+
+        return read_next
 
 
 def _parts_of_file(path: Path) -> list[_Part]:

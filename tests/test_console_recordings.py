@@ -269,6 +269,23 @@ def test_a_map_is_built_of_a_recording_as_a_new_site_each_time(recorded: bytes, 
     assert sorted(path.name for path in (tmp_path / "maps").iterdir()) == folders, "nothing else is left"
 
 
+def test_a_map_that_takes_too_long_is_given_up_and_keeps_no_other_waiting(recorded: bytes, tmp_path: Path) -> None:
+    recordings = Watched(tmp_path / "recordings")
+    builds = MapBuilds(recordings, tmp_path / "maps", max_build_s=0.01)
+    sha256 = store(recordings, recorded)
+    for _ in range(2):
+        recordings.done.clear()
+        builds.start(sha256, "Ada")
+        assert recordings.done.wait(DEADLINE_S)
+        built = recordings.named(sha256).entry.map
+        assert (built.stage, built.by) == ("failed", "Ada")
+        assert "was given up" in built.reason
+        assert builds._thread is not None
+        builds._thread.join(DEADLINE_S)
+        assert list((tmp_path / "maps").iterdir()) == []
+    builds.close()
+
+
 def test_what_is_no_recording_of_a_map_walk_leaves_a_sentence_and_no_map(tmp_path: Path) -> None:
     recordings = Watched(tmp_path / "recordings")
     builds = MapBuilds(recordings, tmp_path / "maps")

@@ -29,8 +29,7 @@ def _add_device_routes(app: FastAPI, services: Services) -> None:
 
     @app.put(OFFERS_PATH + "/{sha256}", include_in_schema=False)
     async def piece(request: Request, sha256: str, offset: int) -> Response:
-        data, device = await request.body(), str(request.state.device_name)
-        return json_response(await run_in_threadpool(recordings.add, sha256, offset, data, device))
+        return json_response(await run_in_threadpool(recordings.add, sha256, offset, await request.body()))
 
 
 def _add_people_routes(app: FastAPI, services: Services) -> None:

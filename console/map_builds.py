@@ -23,7 +23,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from console.errors import BadRequestError, ConflictError
-from console.recordings import RESERVE_BYTES, BuiltMap, Recordings, StoredRecording
+from console.recordings import RESERVE_BYTES, BuiltMap, Recordings, StoredRecording, plain_name
 from navcore.errors import VbrError
 from navcore.folder_swap import sync_tree
 from navcore.map_building import MapBuilding
@@ -33,6 +33,8 @@ from navcore.site_files import read_manifest
 
 _BROKEN_OFF = "The console has ended meanwhile: build it again."
 _PREFIX = ".building-"
+MAX_BUILD_S = 12 * 3600.0
+"""What is not built by then is given up, for it holds the only place. An hour's walk takes some hours at worst."""
 _JOIN_TIMEOUT_S = 10.0
 _log = logging.getLogger(__name__)
 
@@ -45,9 +47,11 @@ class MapBuilds:
         recordings: Recordings,
         folder: Path,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        max_build_s: float = MAX_BUILD_S,
     ) -> None:
         """``folder`` is made when it is needed; ``free_bytes`` tells the room on its disk."""
         self._recordings, self.folder, self._free_bytes = recordings, folder, free_bytes
+        self._max_build_s = max_build_s
         self._lock = threading.Lock()
         self._building = MapBuilding()
         self._thread: threading.Thread | None = None
@@ -110,8 +114,10 @@ class MapBuilds:
         work = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self.folder))
         try:
             unpack_recording(stored.file, work / "recording", MAX_RECORDING_BYTES)
-            name = stored.file.stem
-            if not self._building.build(work / "recording", work / "site", offer.name, offer.date, self._note_percent):
+            name = f"{plain_name(offer)}-{offer.sha256[:8]}"
+            if not self._building.build(
+                work / "recording", work / "site", offer.name, offer.date, self._note_percent, self._max_build_s
+            ):
                 return BuiltMap("failed", who, reason=_BROKEN_OFF)
             report = read_manifest(work / "site").report
             sync_tree(work / "site")

@@ -5,7 +5,7 @@
     FOLDER/
       SHA256.json       what was offered, by whom, and what became of the map that was built of it
       SHA256.part       as far as it has come
-      NAME-SHA.tar      a recording (NAME-SHA.mcap: a walk): whole, its checksum fits
+      NAME-SHA256.tar   a recording (NAME-SHA256.mcap: a walk): whole, its checksum fits
 
 A recording gets its last name in one step when its checksum fits, so whoever is killed meanwhile finds it whole, or
 goes on with it. Nothing here is ever deleted but what turned out to be damaged.
@@ -79,10 +79,14 @@ class StoredRecording:
     have_bytes: int
 
 
+def plain_name(offer: RecordingOffer) -> str:
+    """Return what a recording is called, as far as that makes a name of a file."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", offer.name).strip("-")[:_NAME_LENGTH].lower() or "recording"
+
+
 def file_name(offer: RecordingOffer) -> str:
-    """Return the name of the file of a recording: what it is called, as far as that makes a name, and what it is."""
-    plain = re.sub(r"[^A-Za-z0-9]+", "-", offer.name).strip("-")[:_NAME_LENGTH].lower() or "recording"
-    return f"{plain}-{offer.sha256[:8]}{_SUFFIXES[offer.kind]}"
+    """Return the name of the file of a recording; its whole checksum is in it, so no other has the same."""
+    return f"{plain_name(offer)}-{offer.sha256}{_SUFFIXES[offer.kind]}"
 
 
 class Recordings:
@@ -124,7 +128,10 @@ class Recordings:
     def offer(self, offer: RecordingOffer, device: str) -> RecordingHeld:
         """Begin to take a recording in, or go on with it; return what is here of it.
 
-        Raises TooLargeError, NoRoomError, ConflictError where another device sends the same, or BadRequestError.
+        What has not come whole belongs to whoever offered it last: a device that gets another token goes on with what
+        it has begun. Who names the checksum has the recording, and what they spoil is found out by it.
+
+        Raises TooLargeError, NoRoomError, ConflictError where this device has begun too many, or BadRequestError.
         """
         if offer.size_bytes > MAX_RECORDING_BYTES:
             raise TooLargeError(
@@ -135,22 +142,25 @@ class Recordings:
         with self._beginning:
             self._begin(offer, device)
         with self._lock_of(offer.sha256):
-            known = self._of_device(offer.sha256, device)
-            self._refuse_without_room(known)
+            known = self._taken_over(offer, device)
+            if not known.complete:
+                self._refuse_without_room(offer.size_bytes - known.have_bytes)
             return self._held(known)
 
-    def add(self, sha256: str, offset: int, piece: bytes, device: str) -> RecordingHeld:
+    def add(self, sha256: str, offset: int, piece: bytes) -> RecordingHeld:
         """Take in a piece of a recording that begins at ``offset``; one that does not follow changes nothing.
 
-        Returns what is here then. Raises NotFoundError before it was offered, NoRoomError and ConflictError as above.
+        Returns what is here then. Raises NotFoundError before it was offered, NoRoomError, or BadRequestError.
         """
         self.named(sha256)
         with self._lock_of(sha256):
-            known = self._of_device(sha256, device)
+            known = self.named(sha256)
             if known.complete or offset != known.have_bytes:
                 return self._held(known)
             if offset + len(piece) > known.entry.offer.size_bytes:
                 raise BadRequestError("This is more than was offered: offer the recording anew.")
+            # Others may have filled the disk since the offer, other recordings among them.
+            self._refuse_without_room(len(piece))
             self._append(self._part(sha256), piece)
             return self._held(self.named(sha256))
 
@@ -164,18 +174,21 @@ class Recordings:
             self.folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             self._write(RecordingEntry(offer, device, self._wall_s()))
 
-    def _of_device(self, sha256: str, device: str) -> StoredRecording:
-        known = self.named(sha256)
-        if known.entry.device != device and not known.complete:
-            raise ConflictError(f"{known.entry.device} is sending this recording already: wait until it has come.")
-        return known
+    def _taken_over(self, offer: RecordingOffer, device: str) -> StoredRecording:
+        """Return a recording that was begun; unless it is whole, it is now as this device says."""
+        known = self.named(offer.sha256)
+        entry = msgspec.structs.replace(known.entry, offer=offer, device=device)
+        if known.complete or entry == known.entry:
+            return known
+        with _told_if_full():
+            self._write(entry)
+        return self._stored(entry)
 
-    def _refuse_without_room(self, known: StoredRecording) -> None:
-        needed_bytes = 0 if known.complete else known.entry.offer.size_bytes - known.have_bytes
+    def _refuse_without_room(self, needed_bytes: int) -> None:
         free_bytes = self._free_bytes(self.folder)
-        if needed_bytes and free_bytes < needed_bytes + RESERVE_BYTES:
+        if needed_bytes > 0 and free_bytes < needed_bytes + RESERVE_BYTES:
             raise NoRoomError(
-                f"There is no room for this recording on the console's machine ({needed_bytes >> 20} MiB more, and"
+                f"There is no room for this recording on the console's machine ({-(-needed_bytes >> 20)} MiB more, and"
                 f" {RESERVE_BYTES >> 20} MiB that stay free; there are {free_bytes >> 20} MiB): free its disk."
             )
 

@@ -10,9 +10,11 @@ import threading
 from collections import deque
 from collections.abc import Callable
 
+import msgspec
+
 from device_agent.ports import KeptMessage
 from navcore.types import Frame
-from navcore.wire import MESSAGES, DepthImage, MapWalkSeen, WalkerState
+from navcore.wire import MESSAGES, DepthImage, MapWalkRunning, MapWalkSeen, WalkerState
 from navcore.wire_pace import Pace
 
 MAX_KEPT = 256
@@ -63,11 +65,16 @@ class Outbox:
         self.on_filled()
 
     def joined(self) -> None:
-        """A new connection begins: what the console may have missed is put in front again; old pictures go."""
+        """A new connection begins: what the console may have missed is put in front again; old pictures go.
+
+        A refusal of a map walk does not: its order was given up at both ends, and it would be taken for the answer to
+        an order of the new connection.
+        """
         with self._lock:
             waiting = {type(message) for message in self._kept}
             missed = [message for kind, message in self._latest.items() if kind not in waiting]
             self._kept.extendleft(reversed(missed))
+            self._kept = deque(map(_without_refusal, self._kept), MAX_KEPT)
             self._newest.clear()
             self._frame = None
 
@@ -106,3 +113,7 @@ class Outbox:
             waits = [self._paces[kind].wait_s(now_s) for kind in self._newest]
             waits += [self._frame_pace.wait_s(now_s)] if self._frame is not None else []
         return max(0.0, min(waits)) if waits else None
+
+
+def _without_refusal(message: KeptMessage) -> KeptMessage:
+    return msgspec.structs.replace(message, refusal="") if isinstance(message, MapWalkRunning) else message

@@ -6,6 +6,7 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from contextlib import AbstractAsyncContextManager
+from typing import TypeVar
 
 import httpx
 import msgspec
@@ -15,10 +16,13 @@ from navcore.errors import VbrError
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import OFFERS_PATH, PIECE_BYTES, RecordingHeld, RecordingOffer, piece_path
 
+T = TypeVar("T")
 _TIMEOUT = httpx.Timeout(10.0, read=300.0)
 """The last piece is answered when the console has read all of the recording again, for its checksum."""
-_FOR_GOOD = (400, 404, 405, 413)
-"""Answers that another attempt would get as well."""
+_OFFER_REFUSED = frozenset({400, 404, 405, 413})
+"""Answers to an offer that the next one would get as well."""
+_PIECE_REFUSED = _OFFER_REFUSED - {404}
+"""The same of a piece. A console that has lost what it knew of a recording takes it anew when it is offered anew."""
 MAX_BEGINNINGS = 3
 """A recording that comes damaged so often is not begun again."""
 
@@ -47,14 +51,15 @@ async def send_recording(
     """
     async with _client(console) as client:
         await until_quiet()
-        held = await _asked(client.post(OFFERS_PATH, content=msgspec.json.encode(offer)))
+        held = await _asked(client.post(OFFERS_PATH, content=msgspec.json.encode(offer)), _OFFER_REFUSED)
         beginnings = 1
         while not held.complete:
             progress(held.next_byte, offer.size_bytes)
             await until_quiet()
             before = held.next_byte
             held = await _send_piece(client, archive, offer.sha256, before)
-            if held.next_byte < before:
+            if held.next_byte <= before:
+                # A piece that was taken always advances: what has come so far was damaged, and is asked for anew.
                 beginnings += 1
             if beginnings > MAX_BEGINNINGS:
                 raise VbrError("The recording has come damaged again and again: see to the disks of both machines.")
@@ -74,20 +79,25 @@ def _client(console: MapSource) -> AbstractAsyncContextManager[httpx.AsyncClient
 async def _send_piece(client: httpx.AsyncClient, archive: RecordingArchive, sha256: str, offset: int) -> RecordingHeld:
     """Send a piece, and pause for as long as that has taken: half of a slow link is left to all else."""
     piece = await asyncio.to_thread(archive.read, offset, PIECE_BYTES)
+    return await unhurried(_asked(client.put(piece_path(sha256, offset), content=piece), _PIECE_REFUSED))
+
+
+async def unhurried(work: Awaitable[T]) -> T:
+    """Do something, and pause for as long as it has taken."""
     began_s = time.monotonic()
-    held = await _asked(client.put(piece_path(sha256, offset), content=piece))
+    done = await work
     await asyncio.sleep(time.monotonic() - began_s)
-    return held
+    return done
 
 
-async def _asked(request: Awaitable[httpx.Response]) -> RecordingHeld:
+async def _asked(request: Awaitable[httpx.Response], refused: frozenset[int]) -> RecordingHeld:
     try:
         response = await request
     except httpx.HTTPError as error:
         raise InterruptedUploadError(
             f"The recording has not gone whole yet ({error or type(error).__name__})."
         ) from error
-    if response.status_code in _FOR_GOOD:
+    if response.status_code in refused:
         raise VbrError(f"The console does not take the recording: {_sentence(response)}")
     if response.status_code != 200:
         raise InterruptedUploadError(f"The recording has not gone whole yet: {_sentence(response)}")

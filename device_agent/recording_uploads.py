@@ -1,9 +1,13 @@
-"""The recordings of map walks that wait for the console's machine: sent one at a time, beside the connection."""
+"""The recordings of map walks that wait for the console's machine: sent one at a time, beside the connection.
+
+One that is interrupted again and again lets the next go first, and has its turn again when they have had theirs.
+"""
 
 from __future__ import annotations
 
 import asyncio
 import logging
+from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -12,13 +16,15 @@ import msgspec
 from device_agent.link_settings import LinkSettings
 from device_agent.map_download import MapSource
 from device_agent.map_walk.walk_folder import STATE_FILE, handed_over, read_state, write_state
-from device_agent.recording_upload import InterruptedUploadError, send_recording
+from device_agent.recording_upload import InterruptedUploadError, send_recording, unhurried
 from device_agent.state import MapWalkTold, Phrase
 from navcore.cues.table import CueKind
 from navcore.errors import VbrError
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import RecordingOffer
 
+ATTEMPTS_PER_TURN = 3
+"""After so many interruptions of one recording the next has its turn."""
 _log = logging.getLogger(__name__)
 
 
@@ -48,6 +54,8 @@ class RecordingUploads:
         self._console = MapSource(settings.url, settings.token, settings.tls)
         self._waits, self._until_quiet = waits, until_quiet
         self._pause_s, self._wait, self._tell = pause_s, wait, tell
+        self._failures: Counter[Path] = Counter()
+        self._checksums: dict[Path, str] = {}
 
     async def run(self) -> None:
         """Send what waits, for ever."""
@@ -55,13 +63,15 @@ class RecordingUploads:
             return
         while True:
             self._waits.clear()
-            for walk in await asyncio.to_thread(handed_over, self._folder):
-                await self._send(walk)
-            await self._waits.wait()
+            settled = [await self._settle(walk) for walk in await asyncio.to_thread(handed_over, self._folder)]
+            if all(settled):
+                await self._waits.wait()
 
-    async def _send(self, walk: Path) -> None:
+    async def _settle(self, walk: Path) -> bool:
+        """Send a recording, and keep what has become of it; False where that is not known yet."""
         try:
-            await self._send_on(walk)
+            if not await self._sent_in_turn(walk):
+                return False
             stage, reason, told = "sent", "", "map_sent"
         except Exception as error:
             # Whatever is wrong with one, the others are sent, and it stays where it is.
@@ -74,18 +84,29 @@ class RecordingUploads:
         except (OSError, VbrError) as error:
             # It is offered again at the next start; the console knows that it has it.
             _log.warning("what has become of %s cannot be kept: %s", walk.name, error)
+        return True
 
-    async def _send_on(self, walk: Path) -> None:
-        """Send a recording, however often that is interrupted."""
+    async def _sent_in_turn(self, walk: Path) -> bool:
+        """Send a recording; False where it was interrupted as often as the others can wait for."""
+        await self._until_quiet()
         archive = await asyncio.to_thread(RecordingArchive, walk, {STATE_FILE})
-        sha256 = await asyncio.to_thread(archive.sha256)
-        offer = RecordingOffer("recording", walk.name, archive.size_bytes, sha256, read_state(walk).date)
-        failures = 0
-        while True:
+        if walk not in self._checksums:
+            self._checksums[walk] = await self._checksum(archive)
+        offer = RecordingOffer("recording", walk.name, archive.size_bytes, self._checksums[walk], read_state(walk).date)
+        for _ in range(ATTEMPTS_PER_TURN):
             try:
                 await send_recording(archive, offer, self._console, self._until_quiet)
-                return
+                return True
             except InterruptedUploadError as error:
-                failures += 1
+                self._failures[walk] += 1
                 _log.info("%s", error)
-                await self._wait(self._pause_s(failures))
+                await self._wait(self._pause_s(self._failures[walk]))
+        return False
+
+    async def _checksum(self, archive: RecordingArchive) -> str:
+        """Read all of a recording as it would be sent: behind what is more urgent, and given up between two pieces."""
+        hashing = archive.hashing()
+        while True:
+            await self._until_quiet()
+            if (sha256 := await unhurried(asyncio.to_thread(hashing))) is not None:
+                return sha256

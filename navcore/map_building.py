@@ -5,13 +5,14 @@ Device and console both do so; the command line of this program is what does it.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import shutil
 import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from navcore.errors import MappingError
@@ -25,12 +26,21 @@ class MapBuilding:
         self._process: subprocess.Popen[str] | None = None
         self._stopped = False
 
-    def build(self, walk: Path, site: Path, name: str, date: str, progress: Callable[[int], None]) -> bool:
+    def build(
+        self,
+        walk: Path,
+        site: Path,
+        name: str,
+        date: str,
+        progress: Callable[[int], None],
+        limit_s: float | None = None,
+    ) -> bool:
         """Build the map of a recording into ``site``, replacing what lies there; False where it was stopped.
 
-        ``name`` is the site's, ``date`` when it was recorded. ``progress`` is called with each percent.
+        ``name`` is the site's, ``date`` when it was recorded. ``progress`` is called with each percent. What is not
+        built after ``limit_s`` is given up.
 
-        Raises MappingError with what the build said where it failed.
+        Raises MappingError with what the build said where it failed, or that it took too long.
         """
         shutil.rmtree(site, ignore_errors=True)
         command = [
@@ -42,12 +52,18 @@ class MapBuilding:
             if process is None:
                 return False
             assert process.stdout is not None
-            for line in process.stdout:
-                if (percent := _percent(line)) is not None:
-                    progress(percent)
-            code = process.wait()
+            with _killed_after(process, limit_s) as was_late:
+                for line in process.stdout:
+                    if (percent := _percent(line)) is not None:
+                        progress(percent)
+                code = process.wait()
             if self._stopped:
                 return False
+            if code != 0 and was_late.is_set():
+                raise MappingError(
+                    f"Building the map has taken more than {(limit_s or 0.0) / 3600:.3g} h and was given up:"
+                    " record less at a time, or run `vbr map build` on a faster machine."
+                )
             if code != 0:
                 complaints.seek(0)
                 raise MappingError(complaints.read()[-400:].strip() or f"The building of the map ended with {code}.")
@@ -74,6 +90,25 @@ class MapBuilding:
             self._stopped = True
             if self._process is not None and self._process.poll() is None:
                 self._process.terminate()
+
+
+@contextlib.contextmanager
+def _killed_after(process: subprocess.Popen[str], limit_s: float | None) -> Iterator[threading.Event]:
+    """Kill a process that still runs after so long; what is yielded is set then."""
+    was_late = threading.Event()
+
+    def kill() -> None:
+        was_late.set()
+        process.kill()
+
+    timer = threading.Timer(limit_s or 0.0, kill)
+    timer.daemon = True
+    if limit_s is not None:
+        timer.start()
+    try:
+        yield was_late
+    finally:
+        timer.cancel()
 
 
 def _percent(line: str) -> int | None:

@@ -11,13 +11,15 @@ import hashlib
 import os
 import re
 import tarfile
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
 from navcore.errors import RecordingError
 
+MAX_FILE_COUNT = 200_000
+"""An hour and a half of pictures, depth images and those of a fisheye camera, at 10 Hz each, is fewer."""
 _BLOCK_BYTES = tarfile.BLOCKSIZE
 _PIECE_BYTES = 1 << 20
 _MEMBER_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.+-]*(/[A-Za-z0-9_][A-Za-z0-9_.+-]*){0,2}")
@@ -66,10 +68,25 @@ class RecordingArchive:
 
     def sha256(self) -> str:
         """Return the checksum of the whole stream. Raises RecordingError."""
-        digest = hashlib.sha256()
-        for offset in range(0, self.size_bytes, _PIECE_BYTES):
+        hashing = self.hashing()
+        while (sha256 := hashing()) is None:
+            pass
+        return sha256
+
+    def hashing(self) -> Callable[[], str | None]:
+        """Return what reads the next piece at each call, and returns the checksum of the whole once all is read.
+
+        For whoever has something else to do in between. The calls raise RecordingError.
+        """
+        digest, offsets = hashlib.sha256(), iter(range(0, self.size_bytes, _PIECE_BYTES))
+
+        def read_next() -> str | None:
+            if (offset := next(offsets, None)) is None:
+                return digest.hexdigest()
             digest.update(self.read(offset, _PIECE_BYTES))
-        return digest.hexdigest()
+            return None
+
+        return read_next
 
 
 def recording_files(folder: Path, leave_out: Collection[str] = ()) -> list[Path]:
@@ -134,19 +151,22 @@ def _read_part(part: _Part, offset: int, count: int) -> bytes:
     return piece
 
 
-def unpack_recording(archive: Path, folder: Path, max_bytes: int) -> None:
+def unpack_recording(archive: Path, folder: Path, max_bytes: int, max_file_count: int = MAX_FILE_COUNT) -> None:
     """Unpack what :class:`RecordingArchive` makes of a folder into a new one: plain files below it, and nothing else.
 
-    Raises RecordingError where it is damaged, larger than ``max_bytes``, or holds anything else; OSError.
+    Raises RecordingError where it is damaged, larger than ``max_bytes``, holds more than ``max_file_count`` files, or
+    anything else; OSError.
     """
     folder.mkdir(parents=True)
-    unpacked_bytes = 0
+    unpacked_bytes = file_count = 0
     with archive.open("rb") as stream:
         while (header := stream.read(_BLOCK_BYTES)) != bytes(_BLOCK_BYTES):
             info = _member(header)
-            unpacked_bytes += info.size
+            unpacked_bytes, file_count = unpacked_bytes + info.size, file_count + 1
             if unpacked_bytes > max_bytes:
                 raise RecordingError("The recording is larger than is taken: record less at a time.")
+            if file_count > max_file_count:
+                raise RecordingError(f"The recording holds more than {max_file_count} files: record less at a time.")
             target = folder / info.name
             target.parent.mkdir(parents=True, exist_ok=True)
             with target.open("xb") as out:

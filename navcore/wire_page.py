@@ -69,7 +69,9 @@ interruption, and after `kill -9` of either side, where it was; a piece that doe
 recording goes at a time. A piece is only sent while the console is joined and has confirmed every event, and after each
 there is a pause as long as the piece took: never more than half of a link is used. The console takes up to
 {MAX_RECORDING_BYTES >> 30} GiB, leaves 1 GiB of its disk free, and gives the recording its name in one step when the
-checksum fits; what has come damaged is asked for anew. The recording stays on the device as well.
+checksum fits; what has come damaged is asked for anew. What has not come whole belongs to whoever offered it last, so a
+device with a new token goes on with it. A recording that is interrupted again and again lets the next go first. The
+recording stays on the device as well.
 """
 
 

@@ -11,9 +11,11 @@ const WORDS = { begin_map_walk: "Begin a map walk", end_map_walk: "End the map w
 await start();
 let device = null;
 let wantedDevice = sessionStorage.getItem("device");
+let lastShown = null; // what showLive was given last
 
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
+  lastShown = [data, elapsed_s, linked];
   $("link-banner").hidden = linked;
   if (!linked) setText($("link-banner"), `No connection to the console for ${Math.round(elapsed_s)} s: nothing here is live.`);
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
@@ -36,6 +38,7 @@ const showDevices = onChange((devices) => {
 $("device-select").addEventListener("change", () => {
   wantedDevice = $("device-select").value;
   sessionStorage.setItem("device", wantedDevice);
+  showLive(...lastShown); // at once: no order goes to the device that was shown before
 });
 
 const showFreshness = onChange(({ kind, mark, text }) => {
@@ -74,10 +77,16 @@ const showCommands = onChange((commands) => {
     el("span", {}, WORDS[command.kind] + (command.refusal ? `: ${command.refusal}` : "")))));
 });
 
-const order = (what) => attempt(() => post(`/api/devices/${encodeURIComponent(device.id)}/map-walk/${what}`));
-$("begin").addEventListener("click", () => { $("confirm").returnValue = ""; $("confirm").showModal(); });
-$("confirm").addEventListener("close", () => { if ($("confirm").returnValue === "yes") order("begin"); });
-$("end").addEventListener("click", () => order("end"));
+const order = (id, what) => attempt(() => post(`/api/devices/${encodeURIComponent(id)}/map-walk/${what}`));
+$("begin").addEventListener("click", () => {
+  // Who answers means the device that is named, whichever is shown by then; the console refuses where it has gone.
+  $("confirm").dataset.device = device.id;
+  setText($("confirm-device"), device.name);
+  $("confirm").returnValue = "";
+  $("confirm").showModal();
+});
+$("confirm").addEventListener("close", () => { if ($("confirm").returnValue === "yes") order($("confirm").dataset.device, "begin"); });
+$("end").addEventListener("click", () => order(device.id, "end"));
 
 // ------------------------------------------------------------------------------------------------------------ seen
 function showSeen(elapsed_s) {

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from browser import become_admin, chromium, until
-from console_room import Person, serving
+from console_room import DialledDevice, Person, hello_of, serving
 from map_walk_rig import walk_frames
 from playwright.sync_api import Page
 
@@ -29,6 +29,7 @@ from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site, map_checksum, save_site
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
+from navcore.wire import BeginMapWalk, WalkerState
 
 pytestmark = pytest.mark.browser
 BUILD_S = 180.0
@@ -136,10 +137,46 @@ def test_a_map_walk_is_begun_watched_and_ended_and_a_map_is_built_of_its_recordi
     assert map_checksum(tmp_path / "site") == before, "the map in use is left alone"
 
 
-def _token(server: ConsoleServer, page: Page) -> str:
+def test_the_walk_begins_on_the_device_that_was_asked_about_whichever_is_shown_by_then(
+    tmp_path: Path, small_site: Site, page: Page
+) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        assert server.ready.first_link is not None
+        become_admin(page, server.ready.first_link)
+        asked_about = _dialled(server, page, "Glasses")
+        page.goto(f"{server.ready.url}/map-walks")
+        page.locator("#begin:enabled").click()
+        assert page.inner_text("#confirm-device") == "Glasses"
+        anna = _dialled(server, page, "Anna")
+        until(page, lambda: page.input_value("#device-select") == "Anna", "another device, first by its name")
+        page.get_by_role("button", name="Yes, begin").click()
+        assert isinstance(asked_about.next(BeginMapWalk), BeginMapWalk)
+        assert server.services.hub.device("Anna").commands == ()
+        # Where that device has gone, nothing is begun anywhere.
+        page.reload()
+        page.select_option("#device-select", "Glasses")
+        page.locator("#begin:enabled").click()
+        assert page.inner_text("#confirm-device") == "Glasses", "chosen a moment ago"
+        asked_about.socket.close()
+        until(page, lambda: page.locator("#begin").is_disabled(), "the device's end")
+        page.get_by_role("button", name="Yes, begin").click()
+        until(page, lambda: "Glasses is not connected" in page.inner_text("#toasts"), "the refusal")
+        assert server.services.hub.device("Anna").commands == ()
+        anna.socket.close()
+
+
+def _dialled(server: ConsoleServer, page: Page, name: str) -> DialledDevice:
+    """Return a device that could begin a map walk."""
+    device = DialledDevice(server.ready.url, _token(server, page, name), hello_of(server, device_id=name))
+    device.send(WalkerState(1000.0, "lost", "stop", "pose_lost"))
+    return device
+
+
+def _token(server: ConsoleServer, page: Page, name: str = "Glasses") -> str:
     admin = Person(server.ready.url)
     admin.http.cookies.update({cookie["name"]: cookie["value"] for cookie in page.context.cookies()})
-    return str(admin.http.post("/api/tokens", json={"name": "Glasses"}).raise_for_status().json()["token"])
+    return str(admin.http.post("/api/tokens", json={"name": name}).raise_for_status().json()["token"])
 
 
 def _recorded_s(page: Page) -> int:

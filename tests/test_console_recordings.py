@@ -21,7 +21,7 @@ from console.server import ConsoleServer
 from device_agent.simulation.sensors import head_camera
 from navcore.live_recording import LiveRecording
 from navcore.recording_archive import RecordingArchive
-from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingOffer, piece_path
+from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingHeld, RecordingOffer, piece_path
 from navcore.site import Site, load_site, map_checksum, save_site
 
 DATA = bytes(range(256)) * 40
@@ -89,7 +89,7 @@ def test_a_recording_comes_piece_by_piece_and_gets_its_name_once_it_is_whole(
     assert sender.put(4000, DATA[4000:]).json() == {"next_byte": len(DATA), "complete": True}
     (shown,) = listed(admin)
     assert shown["complete"]
-    kept = tmp_path / "data" / "recordings" / f"walk-of-monday-{SHA256[:8]}.tar"
+    kept = tmp_path / "data" / "recordings" / f"walk-of-monday-{SHA256}.tar"
     assert Path(shown["file"]) == kept
     assert kept.read_bytes() == DATA
     assert not list(kept.parent.glob("*.part"))
@@ -136,16 +136,27 @@ def test_an_offer_that_cannot_be_taken_is_refused_with_a_sentence(
     assert listed(admin) == []
 
 
-def test_a_device_cannot_write_into_what_another_is_sending(
+def test_a_device_with_another_token_goes_on_with_what_it_has_begun(
     server: ConsoleServer, sender: Sender, admin: Person
 ) -> None:
     sender.offer()
     sender.put(0, DATA[:1000])
-    other = Sender(server, admin, "Other glasses")
-    assert other.offer().status_code == 409
-    assert other.put(1000, b"spoiled").status_code == 409
-    assert sender.put(1000, DATA[1000:]).json()["complete"]
-    assert other.offer().json()["complete"], "once it is whole, it is the same recording whoever has it"
+    again = Sender(server, admin, "New token")
+    assert again.offer(name="walk-0001 again").json() == {"next_byte": 1000, "complete": False}
+    (shown,) = listed(admin)
+    assert (shown["device"], shown["name"]) == ("New token", "walk-0001 again"), "they are as the last offer says"
+    assert sender.put(1000, DATA[1000:2000]).json()["next_byte"] == 2000, "two that have the same help each other"
+    assert again.put(2000, DATA[2000:]).json()["complete"]
+    assert sender.offer().json()["complete"], "once it is whole, it is the same recording whoever has it"
+    assert listed(admin)[0]["device"] == "New token"
+
+
+def test_an_offer_that_was_wrong_about_the_size_is_no_hindrance_to_the_next(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "r", lambda: 0.0)
+    recordings.offer(offer_of(size_bytes=len(DATA) + 1000), "spoiled")
+    recordings.add(SHA256, 0, DATA + bytes(100))
+    assert recordings.offer(offer_of(), "glasses") == RecordingHeld(0, False), "more is here than there can be"
+    assert recordings.add(SHA256, 0, DATA).complete
 
 
 def test_nobody_sends_without_a_token_and_only_who_maps_sees_them(
@@ -161,16 +172,29 @@ def test_nobody_sends_without_a_token_and_only_who_maps_sees_them(
         assert len(listed(invited(admin, role, role))) == 1
 
 
+def test_a_recording_whose_checksum_begins_as_that_of_another_does_is_another(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "r", lambda: 0.0)
+    store(recordings, DATA)
+    alike = offer_of(sha256=SHA256[:8] + "0" * 56)
+    assert recordings.offer(alike, "glasses") == RecordingHeld(0, False)
+
+
 def test_a_full_disk_is_told_and_nothing_that_has_come_is_lost(tmp_path: Path) -> None:
     free_bytes = RESERVE_BYTES + len(DATA)
     recordings = Recordings(tmp_path / "r", lambda: 0.0, lambda folder: free_bytes)
     recordings.offer(offer_of(), "glasses")
-    recordings.add(SHA256, 0, DATA[:1000], "glasses")
+    recordings.add(SHA256, 0, DATA[:1000])
     free_bytes -= 1001
     with pytest.raises(NoRoomError, match="free its disk"):
         recordings.offer(offer_of(), "glasses")
     free_bytes += 1
     assert recordings.offer(offer_of(), "glasses").next_byte == 1000
+    # What others write meanwhile is not known at the offer: each piece looks again.
+    free_bytes = RESERVE_BYTES + 99
+    with pytest.raises(NoRoomError, match="free its disk"):
+        recordings.add(SHA256, 1000, DATA[1000:1100])
+    free_bytes += 1
+    assert recordings.add(SHA256, 1000, DATA[1000:1100]).next_byte == 1100
 
 
 def test_no_device_begins_more_recordings_than_a_few(tmp_path: Path) -> None:
@@ -205,7 +229,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> bytes:
 def store(recordings: Recordings, data: bytes, **changes: Any) -> str:
     offer = offer_of(data, **changes)
     recordings.offer(offer, "glasses")
-    assert recordings.add(offer.sha256, 0, data, "glasses").complete
+    assert recordings.add(offer.sha256, 0, data).complete
     return offer.sha256
 
 
@@ -243,6 +267,23 @@ def test_a_map_is_built_of_a_recording_as_a_new_site_each_time(recorded: bytes, 
     first, second = (load_site(tmp_path / "maps" / name) for name in folders)
     assert first.name == second.name == "walk-0001"
     assert sorted(path.name for path in (tmp_path / "maps").iterdir()) == folders, "nothing else is left"
+
+
+def test_a_map_that_takes_too_long_is_given_up_and_keeps_no_other_waiting(recorded: bytes, tmp_path: Path) -> None:
+    recordings = Watched(tmp_path / "recordings")
+    builds = MapBuilds(recordings, tmp_path / "maps", max_build_s=0.01)
+    sha256 = store(recordings, recorded)
+    for _ in range(2):
+        recordings.done.clear()
+        builds.start(sha256, "Ada")
+        assert recordings.done.wait(DEADLINE_S)
+        built = recordings.named(sha256).entry.map
+        assert (built.stage, built.by) == ("failed", "Ada")
+        assert "was given up" in built.reason
+        assert builds._thread is not None
+        builds._thread.join(DEADLINE_S)
+        assert list((tmp_path / "maps").iterdir()) == []
+    builds.close()
 
 
 def test_what_is_no_recording_of_a_map_walk_leaves_a_sentence_and_no_map(tmp_path: Path) -> None:

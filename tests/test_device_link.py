@@ -24,6 +24,7 @@ from navcore.wire import (
     Hello,
     MapAvailable,
     MapRunning,
+    MapWalkRunning,
     Pause,
     Ping,
     Pong,
@@ -131,6 +132,22 @@ def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, d
         console.send(order)
     device.wait_for(lambda: len(device.orders) == 4)
     assert device.orders == orders
+
+
+def test_a_refusal_is_never_the_answer_to_an_order_of_the_next_connection(console: Console, link: ConsoleLink) -> None:
+    refusal = MapWalkRunning(False, "Somebody is being led.")
+    console.wait_for(lambda: "Joined the console." in [event.text for event in console.stored])
+    link.message(refusal)
+    console.wait_for(lambda: bool(console.of_type(MapWalkRunning)))
+    console.kill()
+    console.start()
+    console.wait_for(lambda: len(console.of_type(MapWalkRunning)) == 2)
+    assert console.of_type(MapWalkRunning) == [refusal, MapWalkRunning(False)], "whether one is recorded is told again"
+    console.kill()
+    link.message(refusal)
+    console.start()
+    console.wait_for(lambda: len(console.of_type(MapWalkRunning)) == 3)
+    assert console.of_type(MapWalkRunning)[-1] == MapWalkRunning(False), "nor is one that was still to be sent"
 
 
 def test_events_are_complete_in_order_and_once_after_outages(console: Console, link: ConsoleLink) -> None:

@@ -82,6 +82,14 @@ def test_what_is_no_recording_is_refused_with_a_sentence(tmp_path: Path) -> None
         RecordingArchive(tmp_path / "empty")
 
 
+def test_no_more_files_are_unpacked_than_a_recording_has(whole: bytes, tmp_path: Path) -> None:
+    (tmp_path / "a.tar").write_bytes(whole)
+    unpack_recording(tmp_path / "a.tar", tmp_path / "four", LIMIT_BYTES, max_file_count=4)
+    with pytest.raises(RecordingError, match="more than 3 files"):
+        unpack_recording(tmp_path / "a.tar", tmp_path / "three", LIMIT_BYTES, max_file_count=3)
+    assert len(files_in(tmp_path / "three")) == 3
+
+
 def member(name: str, data: bytes = b"", kind: bytes = tarfile.REGTYPE, pax: bool = False) -> bytes:
     out = io.BytesIO()
     with tarfile.open(fileobj=out, mode="w", format=tarfile.PAX_FORMAT if pax else tarfile.USTAR_FORMAT) as tar:

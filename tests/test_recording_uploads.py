@@ -6,7 +6,7 @@ import asyncio
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +15,7 @@ from console_room import first_admin, serving
 from device_console import Console
 from test_device_link import Device, make_link
 
+from console.recordings import RESERVE_BYTES
 from console.server import ConsoleServer
 from device_agent.journal import EventJournal
 from device_agent.link_settings import LinkSettings
@@ -120,6 +121,17 @@ def test_nothing_is_quiet_before_the_console_is_there_and_has_confirmed_every_ev
         console.close()
 
 
+async def at_once(seconds: float = 0.0) -> None:
+    await asyncio.sleep(0)
+
+
+def uploads_of(
+    source: MapSource, folder: Path, until_quiet: Callable[[], Awaitable[None]], tell: Callable[[MapWalkTold], None]
+) -> RecordingUploads:
+    settings = LinkSettings(source.console_url, source.token, folder / "incoming", map_walks=folder)
+    return RecordingUploads(settings, asyncio.Event(), until_quiet, lambda failures: 0.0, at_once, tell)
+
+
 def uploaded(source: MapSource, folder: Path, count: int) -> list[str]:
     """Let the uploads run until so many sentences were told; return their keys."""
     told: list[str] = []
@@ -132,12 +144,7 @@ def uploaded(source: MapSource, folder: Path, count: int) -> list[str]:
             if len(told) == count:
                 done.set()
 
-        async def at_once(seconds: float = 0.0) -> None:
-            await asyncio.sleep(0)
-
-        settings = LinkSettings(source.console_url, source.token, folder / "incoming", map_walks=folder)
-        uploads = RecordingUploads(settings, asyncio.Event(), at_once, lambda failures: 0.0, at_once, tell)
-        running = asyncio.create_task(uploads.run())
+        running = asyncio.create_task(uploads_of(source, folder, at_once, tell).run())
         await done.wait()
         running.cancel()
 
@@ -193,9 +200,6 @@ def test_a_console_that_is_away_or_refuses_is_told_apart(
 ) -> None:
     archive = RecordingArchive(waiting_walk(tmp_path / "walks"), {STATE_FILE})
 
-    async def at_once() -> None:
-        return
-
     def send(to: MapSource, offer: RecordingOffer) -> None:
         asyncio.run(send_recording(archive, offer, to, at_once))
 
@@ -206,7 +210,69 @@ def test_a_console_that_is_away_or_refuses_is_told_apart(
     with pytest.raises(VbrError, match="is empty") as refused:
         send(source, RecordingOffer("recording", "walk", 0, offer_of(archive).sha256))
     assert not isinstance(refused.value, InterruptedUploadError)
-    # What never comes as it was offered is not begun for ever.
+
+
+@pytest.mark.parametrize("size_bytes", [1000, 3 * PIECE_BYTES], ids=["one piece", "several pieces"])
+def test_what_never_comes_as_it_was_offered_is_not_begun_for_ever(
+    source: MapSource, tmp_path: Path, size_bytes: int
+) -> None:
+    archive = RecordingArchive(waiting_walk(tmp_path / "walks", size_bytes=size_bytes), {STATE_FILE})
     wrong = RecordingOffer("recording", "walk", archive.size_bytes, "0" * 64)
     with pytest.raises(VbrError, match="damaged again and again"):
-        send(source, wrong)
+        asyncio.run(asyncio.wait_for(send_recording(archive, wrong, source, at_once), DEADLINE_S))
+
+
+def test_one_that_has_no_room_lets_the_next_go_and_has_its_turn_again(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    large = waiting_walk(tmp_path / "walks")
+    small = waiting_walk(tmp_path / "walks", size_bytes=10)
+
+    def free_bytes(folder: Path) -> int:
+        return RESERVE_BYTES + (4096 if read_state(small).stage == "handed_over" else 4 * PIECE_BYTES)
+
+    server.services.recordings._free_bytes = free_bytes
+    assert uploaded(source, tmp_path / "walks", 2) == ["map_sent", "map_sent"]
+    assert (read_state(small).stage, read_state(large).stage) == ("sent", "sent")
+
+
+def test_what_the_console_has_lost_meanwhile_is_offered_anew(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    archive = RecordingArchive(waiting_walk(tmp_path / "walks"), {STATE_FILE})
+    description = tmp_path / "data" / "recordings" / f"{archive.sha256()}.json"
+
+    def lose(sent_bytes: int, size_bytes: int) -> None:
+        if sent_bytes:
+            description.unlink()
+
+    with pytest.raises(InterruptedUploadError, match="offer it first"):
+        asyncio.run(send_recording(archive, offer_of(archive), source, at_once, lose))
+    asyncio.run(send_recording(archive, offer_of(archive), source, at_once))
+    assert server.services.recordings.all()[0].complete
+
+
+def test_nothing_of_a_recording_is_read_before_it_is_quiet_and_its_reading_ends_with_the_link(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    walk = waiting_walk(tmp_path / "walks", size_bytes=20 * PIECE_BYTES)
+
+    async def run() -> None:
+        quiet, asked = asyncio.Semaphore(0), asyncio.Semaphore(0)
+
+        async def until_quiet() -> None:
+            asked.release()
+            await quiet.acquire()
+
+        running = asyncio.create_task(uploads_of(source, tmp_path / "walks", until_quiet, lambda told: None).run())
+        await asked.acquire()
+        for _ in range(3):
+            quiet.release()
+            await asked.acquire()
+        assert server.services.recordings.all() == (), "it is being read, piece by piece, for its checksum"
+        running.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await running
+
+    asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
+    assert read_state(walk).stage == "handed_over", "it is offered at the next start"

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import hypothesis
 import numpy as np
@@ -15,8 +17,15 @@ from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.walk_recording import record_walk
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
-from navcore.site import Site
+from navcore.site import Site, save_site
 from navcore.types import CameraIntrinsics
+
+if TYPE_CHECKING:
+    from console_room import Person
+    from link_processes import ConsoleProcess
+    from link_proxy import Network
+
+    from console.server import ConsoleServer
 
 # The same examples in every run: what is found by chance is found once, and becomes a test of its own.
 hypothesis.settings.register_profile("repeatable", derandomize=True)
@@ -99,3 +108,43 @@ def office_site(office_recording: Path, tmp_path_factory: pytest.TempPathFactory
     folder = tmp_path_factory.mktemp("office-site") / "site"
     assert main(["map", "build", str(office_recording), "--site", str(folder), "--name", "Office floor"]) == 0
     return folder
+
+
+# What tests of the console share; imported where it is used, for most tests need no server.
+@pytest.fixture
+def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
+    """A real console of the small site, in this process."""
+    from console_room import serving
+
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as running:
+        yield running
+
+
+@pytest.fixture
+def admin(server: ConsoleServer) -> Person:
+    """Whoever set the console up, signed in."""
+    from console_room import first_admin
+
+    return first_admin(server)
+
+
+@pytest.fixture
+def console(tmp_path: Path, small_site: Site) -> Iterator[ConsoleProcess]:
+    """A real console of the small site, as a process that can be killed."""
+    from link_processes import ConsoleProcess
+
+    save_site(small_site, tmp_path / "site")
+    process = ConsoleProcess(tmp_path / "site", tmp_path)
+    yield process
+    process.kill()
+
+
+@pytest.fixture
+def network(console: ConsoleProcess) -> Iterator[Network]:
+    """The way to that console, which can be cut or made narrow."""
+    from link_proxy import Network
+
+    way = Network(console.port)
+    yield way
+    way.close()

@@ -12,7 +12,7 @@ from pathlib import Path
 import httpx
 import msgspec
 import pytest
-from console_room import DEFAULTS, DialledDevice, Person, first_admin, hello_of, invited, serving, until
+from console_room import DEFAULTS, DialledDevice, Person, hello_of, invited, until
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
@@ -50,18 +50,6 @@ from navcore.wire import (
     WalkerState,
     Welcome,
 )
-
-
-@pytest.fixture
-def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
-    save_site(small_site, tmp_path / "site")
-    with serving(tmp_path / "site", tmp_path / "data") as running:
-        yield running
-
-
-@pytest.fixture
-def admin(server: ConsoleServer) -> Person:
-    return first_admin(server)
 
 
 def token_for(admin: Person, name: str = "Lead glasses") -> str:

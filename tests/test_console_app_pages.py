@@ -5,18 +5,16 @@ from __future__ import annotations
 import re
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from browser import become_admin, chromium, until
-from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited, serving
+from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited
 from playwright.sync_api import Browser, Page, Route, TimeoutError, expect
 from websockets.exceptions import ConnectionClosed
 
 from console.edits import UpdatePoi
 from console.server import ConsoleServer
 from navcore.modes import Mode
-from navcore.site import Site, save_site
 from navcore.wire import (
     ApplySettings,
     ConsoleMessage,
@@ -94,13 +92,6 @@ class WalkingDevice:
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Browser]:
     with chromium() as running:
-        yield running
-
-
-@pytest.fixture
-def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
-    save_site(small_site, tmp_path / "site")
-    with serving(tmp_path / "site", tmp_path / "data") as running:
         yield running
 
 

@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
-from console_room import Person, first_admin, invited, serving
+from console_room import Person, invited
 from map_walk_rig import walk_frames
 
 from console.errors import ConflictError, NoRoomError
@@ -22,7 +21,7 @@ from device_agent.simulation.sensors import head_camera
 from navcore.live_recording import LiveRecording
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingHeld, RecordingOffer, piece_path
-from navcore.site import Site, load_site, map_checksum, save_site
+from navcore.site import load_site, map_checksum
 
 DATA = bytes(range(256)) * 40
 SHA256 = hashlib.sha256(DATA).hexdigest()
@@ -34,18 +33,6 @@ def offer_of(data: bytes = DATA, **changes: Any) -> RecordingOffer:
         "kind": "recording", "name": "walk-0001", "size_bytes": len(data), "sha256": hashlib.sha256(data).hexdigest(),
     }  # fmt: skip
     return RecordingOffer(**(values | changes))
-
-
-@pytest.fixture
-def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
-    save_site(small_site, tmp_path / "site")
-    with serving(tmp_path / "site", tmp_path / "data") as running:
-        yield running
-
-
-@pytest.fixture
-def admin(server: ConsoleServer) -> Person:
-    return first_admin(server)
 
 
 class Sender:

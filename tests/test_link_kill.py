@@ -4,32 +4,16 @@ from __future__ import annotations
 
 import random
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from link_processes import WAIT_S, ConsoleProcess, Victim
 from link_proxy import Network
 
-from navcore.site import Site, save_site
 from navcore.wire import Event
 
 pytestmark = pytest.mark.slow
-
-
-@pytest.fixture
-def console(tmp_path: Path, small_site: Site) -> Iterator[ConsoleProcess]:
-    save_site(small_site, tmp_path / "site")
-    console = ConsoleProcess(tmp_path / "site", tmp_path)
-    yield console
-    console.kill()
-
-
-@pytest.fixture
-def network(console: ConsoleProcess) -> Iterator[Network]:
-    network = Network(console.port)
-    yield network
-    network.close()
 
 
 def device_on(network: Network, console: ConsoleProcess, folder: Path, run: int = 0) -> Victim:

@@ -44,13 +44,6 @@ def console(large_site: Path, tmp_path: Path) -> Iterator[ConsoleProcess]:
     console.kill()
 
 
-@pytest.fixture
-def network(console: ConsoleProcess) -> Iterator[Network]:
-    network = Network(console.port)
-    yield network
-    network.close()
-
-
 def test_a_map_comes_whole_and_hardly_a_piece_twice_though_both_ends_are_killed_on_the_way(
     console: ConsoleProcess, network: Network, large_site: Path, tmp_path: Path
 ) -> None:

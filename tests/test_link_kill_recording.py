@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -16,26 +15,10 @@ from test_link_kill import device_on
 from device_agent.map_walk.walk_folder import STATE_FILE, WalkState, new_walk, read_state, write_state
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import PIECE_BYTES
-from navcore.site import Site, save_site
 
 PICTURE_BYTES = 400_000
 PICTURE_COUNT = 8
 _OTHER_MESSAGES_BYTES = 40_000
-
-
-@pytest.fixture
-def console(tmp_path: Path, small_site: Site) -> Iterator[ConsoleProcess]:
-    save_site(small_site, tmp_path / "site")
-    console = ConsoleProcess(tmp_path / "site", tmp_path)
-    yield console
-    console.kill()
-
-
-@pytest.fixture
-def network(console: ConsoleProcess) -> Iterator[Network]:
-    network = Network(console.port)
-    yield network
-    network.close()
 
 
 @pytest.fixture

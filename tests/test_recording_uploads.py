@@ -6,12 +6,12 @@ import asyncio
 import signal
 import subprocess
 import sys
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from console_room import first_admin, serving
+from console_room import first_admin
 from device_console import Console
 from test_device_link import Device, make_link
 
@@ -35,16 +35,8 @@ from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import PIECE_BYTES, RecordingOffer
-from navcore.site import Site, save_site
 
 DEADLINE_S = 60.0
-
-
-@pytest.fixture
-def server(tmp_path: Path, small_site: Site) -> Iterator[ConsoleServer]:
-    save_site(small_site, tmp_path / "site")
-    with serving(tmp_path / "site", tmp_path / "data") as running:
-        yield running
 
 
 @pytest.fixture

@@ -90,7 +90,7 @@ def walked_back(slam_map: SlamMap, has_floor: bool) -> Walked:
         step = truth[number] @ inverse_se3(truth[number - 1])
         followed = track_at(0.1 * number, erring @ step @ track.camera_from_world)
         seen = DepthView(CAMERA, seen_from(truth[number], seed=number))
-        state = LocalizerState(track, None, covariance, np.zeros((6, 6)), 0.0, 3, truth[0], 1.0)
+        state = LocalizerState(track, None, covariance, np.zeros((6, 6)), 0.0, 3, 1.0)
         placed = aid.place(seen, state, followed, followed, True) if has_floor else None
         covariance = drifted(covariance, track, followed) if placed is None else placed.covariance
         assert placed is None or not placed.is_sure

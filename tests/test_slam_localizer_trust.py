@@ -306,23 +306,6 @@ def test_after_a_short_gap_a_pose_is_confirmed_anew(single: SlamMap, walk: list[
     assert after[-1] is LocalizationQuality.LOCALIZED
 
 
-def test_who_stands_still_before_a_wall_is_confirmed_by_moving(
-    slam_map: SlamMap, walk: list[tuple[Frame, Transform]]
-) -> None:
-    """The same view again is the same mistake again, and along one bare surface anybody could be anywhere."""
-    localizer = _localizer(slam_map)
-    rng = np.random.default_rng(5)
-    # Something else is seen in most of the columns, at the same distance, but the wall in enough of them.
-    screens = [(30, 90), (120, 180), (215, 275)]
-    localizer.locate(walk[10][0])
-    for number in range(1, 12):
-        found = localizer.locate(dataclasses.replace(_covered(walk[10][0], screens, rng), stamp_s=1.0 + 0.1 * number))
-        assert found.quality is LocalizationQuality.UNCERTAIN
-    for number, (frame, _) in enumerate(walk[11:15]):
-        found = localizer.locate(dataclasses.replace(_covered(frame, screens, rng), stamp_s=2.2 + 0.1 * number))
-    assert found.quality is LocalizationQuality.LOCALIZED
-
-
 def _covered(frame: Frame, columns: list[tuple[int, int]], rng: np.random.Generator) -> Frame:
     """Return a frame with noise in some columns."""
     colour = frame.colour_rgb.copy()

@@ -132,11 +132,6 @@ class DepthAid:
         floor = self._floor.factor(seen.model, prior.camera_from_world, covariance_of(prior))
         return None if floor is None else fused(prior, floor)
 
-    def agrees(self, seen: DepthView, camera_from_world: FloatArray) -> bool:
-        """Tell whether surfaces of the map fix all of a frame's pose (4, 4), and put it where it is."""
-        found = self.carried(seen, camera_from_world, 0.0)
-        return found is not None and _is_sure(found) and not is_elsewhere(found, camera_from_world)
-
     def carried(self, seen: DepthView, guess: FloatArray, step_s: float) -> Carried | None:
         """Return what the surfaces of the nearest key frame say of a frame near a first guess (4, 4)."""
         reference = nearest_view(self._map.camera_from_world, self._usable, guess)

@@ -9,9 +9,8 @@ States, from frame to frame:
 
 - *Lost* (no state): every frame searches the whole map. A place that convinces, without a rival, makes it Uncertain.
 - *Uncertain, unconfirmed*: found, and to be confirmed by ``CONFIRMATIONS`` convincing frames in a row that show many
-  landmarks; its covariance allows for a mistaken place. Whoever stands still sees the same again, and is mistaken
-  again: such a frame confirms only by very many landmarks, or where the map's surfaces say the same. A match that moves
-  the pose farther than its uncertainty begins this anew.
+  landmarks; its covariance allows for a mistaken place. A match that moves the pose farther than its uncertainty
+  begins this anew.
 - *Localized*: confirmed, matched with the map within ``MAX_UNMATCHED_S``, and sure enough.
 - *Uncertain, carried*: surfaces or odometry carry the pose on, the covariance grows, and the whole map is searched
   every ``SEARCH_INTERVAL_S``. The next convincing match makes it Localized again; a map that contradicts takes the
@@ -33,7 +32,7 @@ from navcore.frame_check import check_frame, with_known_depth
 from navcore.geometry import FloatArray, Transform
 from navcore.settings import LocalizationSettings
 from navcore.slam.depth_localization import DepthAid, is_elsewhere
-from navcore.slam.depth_tracking import DepthView, turned_rad
+from navcore.slam.depth_tracking import DepthView
 from navcore.slam.features import FeatureExtractor, feature_count_for, grey_of
 from navcore.slam.fisheye_localization import FisheyeAid
 from navcore.slam.keyframes import NO_LANDMARK, Features, IntArray, SlamCamera
@@ -98,9 +97,6 @@ GUESS_RADIUS_FACTOR = 3.0
 """Search radius around landmarks where only the motion model says where the camera is, times the usual one."""
 JUMP_M = 0.3
 """A match with the map that moves the pose by more than this, and more than its uncertainty, must be confirmed."""
-NEW_VIEW_M = 0.03
-NEW_VIEW_RAD = np.radians(2.0)
-"""A frame taken nearer to the one before, and turned by less, is the same evidence again."""
 NEAR_M = 4.0
 """Key frames within this distance of the pose are searched where the last frame shows no landmark."""
 TURN_LEVER_M = 2.0
@@ -384,19 +380,9 @@ class Localizer:
         drift_m = 3.0 * float(np.sqrt(np.trace(drifted(state.covariance, state.last, moved)[:3, :3])))
         if shift_m > max(JUMP_M, drift_m):
             return self._matched(state, matched, frame, 1)
-        confirms = not state.is_confirmed and self._is_confirmed_by(state, matched)
-        return self._matched(state, matched, frame, state.confirmations + int(confirms))
-
-    def _is_confirmed_by(self, state: LocalizerState, matched: MapMatch) -> bool:
-        """Tell whether a frame is evidence for the place that those before it were not."""
         # Bare corridors look alike: few landmarks do not tell that the place is the right one, however often.
-        if matched.is_sparse:
-            return False
-        pose = matched.track.camera_from_world
-        moved_m = float(np.linalg.norm((pose @ inverse_se3(state.told_from))[:3, 3]))
-        is_new = moved_m >= NEW_VIEW_M or turned_rad(pose, state.told_from) >= NEW_VIEW_RAD
-        is_enough = state.confirmations == 0 or is_new or matched.is_ample
-        return is_enough or self._depth.agrees(self._seen, pose)
+        confirms = not state.is_confirmed and not matched.is_sparse
+        return self._matched(state, matched, frame, state.confirmations + int(confirms))
 
     def _matched(
         self, state: LocalizerState | None, matched: MapMatch, frame: Frame, confirmations: int
@@ -404,9 +390,7 @@ class Localizer:
         track, last = matched.track, None if state is None else state.last
         factor = self._misfit_after(state, track)
         covariance, shared = map_covariance(track, self._covariance_around(track), factor)
-        is_told = state is None or confirmations != state.confirmations
-        told_from = track.camera_from_world if state is None or is_told else state.told_from
-        return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, told_from, factor)
+        return LocalizerState(track, last, covariance, shared, frame.stamp_s, confirmations, factor)
 
     def _half_matched(self, state: LocalizerState, followed: Track, matched: MapMatch, frame: Frame) -> LocalizerState:
         """Return the state after a match that only odometry makes plausible.

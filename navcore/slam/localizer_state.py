@@ -38,8 +38,6 @@ class LocalizerState:
     """When the map last matched."""
     confirmations: int
     """Frames in a row that have matched the map since the pose was found without a guess."""
-    told_from: FloatArray
-    """(4, 4): camera_from_world of the last frame that counted as one of these."""
     misfit: float
     """Running mean of the variance factor; see :func:`navcore.slam.pose_uncertainty.misfit`."""
 

@@ -170,7 +170,7 @@ def _placed(slam_map: SlamMap, depth_m: np.ndarray, camera_from_world: np.ndarra
         np.zeros(2, np.int32), 1,
     )  # fmt: skip
     before = Track(0.0, nothing, camera_from_world, np.zeros(0, np.int32), np.zeros((6, 6)))
-    state = LocalizerState(before, None, expected, np.zeros((6, 6)), 0.0, 3, camera_from_world, 1.0)
+    state = LocalizerState(before, None, expected, np.zeros((6, 6)), 0.0, 3, 1.0)
     placed = DepthAid(slam_map).place(DepthView(CAMERA, depth_m), state, before, before, is_pace_known=True)
     assert placed is not None
     return placed

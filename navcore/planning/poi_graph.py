@@ -1,4 +1,4 @@
-"""The PoI-graph (paper IV-A): places of interest on the virtual blind road, and the pieces of road between them.
+"""The PoI-graph (paper IV-A): places of interest on the virtual blind road, the pieces of road between them, the road.
 
 Values only: a graph is never changed, an edit makes a new one (see :mod:`navcore.planning.edits`). A PoI snaps to
 the road, unless it says that it is free-standing. An edge *is* a piece of the road; its length is the real one.
@@ -15,9 +15,14 @@ PoiKind = Literal[
 ]
 POI_KINDS: tuple[str, ...] = PoiKind.__args__  # type: ignore[attr-defined]  # a Literal's own
 
+CautionSide = Literal["none", "left", "right", "both"]
+CAUTION_SIDES: tuple[str, ...] = CautionSide.__args__  # type: ignore[attr-defined]  # a Literal's own
+RoadOrigin = Literal["recorded", "drawn"]
+
 Identifier = Annotated[str, msgspec.Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9_-]+$")]
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
 Metres = Annotated[float, msgspec.Meta(ge=-100_000.0, le=100_000.0)]
+WidthMetres = Annotated[float, msgspec.Meta(ge=0.3, le=50.0)]
 
 
 class Poi(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -50,6 +55,20 @@ class Edge(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     closed: bool = False
     cost_multiplier: Annotated[float, msgspec.Meta(ge=1.0, le=100.0)] = 1.0
     """1.0 is the paper's shortest path; never below, so that the straight line stays a lower bound for A*."""
+    width_m: WidthMetres | None = None
+    """Free width of the passage, as somebody has measured it; None where nobody has."""
+    caution_side: CautionSide = "none"
+    """On which side, walking from a to b, something asks for caution: an open stairwell, a row of doors."""
+
+
+class Road(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """A line of the virtual blind road, as it was recorded and edited, or drawn by hand."""
+
+    id: Identifier
+    points_m: tuple[tuple[Metres, Metres], ...]
+    """Points (n, 2), n ≥ 2."""
+    origin: RoadOrigin = "recorded"
+    """Nobody has walked what is drawn: it is shown as such, and the map may not know it."""
 
 
 class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -59,6 +78,8 @@ class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Grows with every edit; the device acknowledges the one that it runs."""
     pois: dict[str, Poi] = {}
     edges: dict[str, Edge] = {}
+    roads: dict[str, Road] = {}
+    """The lines that PoIs and edges lie on, where the graph is edited; devices walk along edges, and are given none."""
 
     def loose_edge(self) -> Edge | None:
         """Return an edge that does not join two different places of this graph; None where all do."""

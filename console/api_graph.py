@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+import itertools
+import math
+from typing import Annotated, Any
 
 import msgspec
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from console.bodies import ViewBody
+from console.edit_words import sentence_of
 from console.edits import Edit
 from console.errors import BadRequestError, NotFoundError
+from console.graph_log import LogEntry
 from console.model import SiteModel
 from console.requests import Visitor, json_response
 from console.services import Services
 from console.view_requests import FlyToPoi, FollowDevice
-from navcore.planning.poi_graph import POI_KINDS, PoiGraph
+from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
 HISTORY_SHOWN_COUNT = 200
 _edit_decoder: msgspec.json.Decoder[Edit] = msgspec.json.Decoder(Edit)
@@ -33,14 +37,15 @@ def add_routes(app: FastAPI, services: Services) -> None:
     @app.get("/api/history")
     def history() -> Response:
         newest = model.history()[: -HISTORY_SHOWN_COUNT - 1 : -1]
-        return json_response(
-            {"history": [{"version": e.version, "kind": e.kind, "author": e.author, "at_s": e.at_s} for e in newest]}
-        )
+        return json_response({"history": [_entry_view(entry) for entry in newest]})
 
     @app.post("/api/edits", openapi_extra=_EDIT_SCHEMA)
-    async def edit(request: Request, visitor: Visitor) -> Response:
+    async def edit(
+        request: Request, visitor: Visitor, base_version: Annotated[int | None, Query(ge=0)] = None
+    ) -> Response:
+        """Make an edit; ``base_version`` is the version that the person saw."""
         wanted = _decode_edit(await request.body())
-        await run_in_threadpool(model.apply, wanted, visitor.user_name)
+        await run_in_threadpool(model.apply, wanted, visitor.user_name, base_version)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/undo")
@@ -82,6 +87,7 @@ def graph_view(model: SiteModel, who: str) -> dict[str, Any]:
         "kinds": POI_KINDS,
         "pois": list(graph.pois.values()),
         "edges": _edges_view(graph),
+        "roads": [_road_view(road) for road in graph.roads.values()],
         "destinations": [
             {"id": poi.id, "name": poi.name, "kind": poi.kind} for poi in published.pois.values() if poi.on_road
         ],
@@ -89,8 +95,24 @@ def graph_view(model: SiteModel, who: str) -> dict[str, Any]:
 
 
 def _edges_view(graph: PoiGraph) -> list[dict[str, Any]]:
-    fields = ("id", "a", "b", "length_m", "one_way", "closed", "cost_multiplier")
+    fields = ("id", "a", "b", "length_m", "one_way", "closed", "cost_multiplier", "width_m", "caution_side")
     return [{name: getattr(edge, name) for name in fields} for edge in graph.edges.values()]
+
+
+def _road_view(road: Road) -> dict[str, Any]:
+    length_m = sum(itertools.starmap(math.dist, itertools.pairwise(road.points_m)))
+    ends = {"start_m": road.points_m[0], "end_m": road.points_m[-1]}
+    return {"id": road.id, "origin": road.origin, "length_m": length_m, **ends}
+
+
+def _entry_view(entry: LogEntry) -> dict[str, Any]:
+    return {
+        "version": entry.version,
+        "kind": entry.kind,
+        "author": entry.author,
+        "at_s": entry.at_s,
+        "words": sentence_of(entry),
+    }
 
 
 def _decode_edit(body: bytes) -> Edit:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
@@ -43,6 +43,21 @@ class ViewBody(_Body):
 
     fly_to: Annotated[str, Field(max_length=64)] | None = None
     follow: Annotated[str, Field(max_length=120)] | None = None
+
+
+class PresenceBody(_Body):
+    """What a page's window does: it says so every few seconds, and at once when that changes."""
+
+    window: Annotated[str, Field(min_length=1, max_length=64)]
+    doing: Literal["looking", "editing", "dragging", "drawing", "gone"] = "looking"
+    kind: Literal["poi", "edge", "road"] | None = None
+    id: Annotated[str, Field(max_length=64)] = ""
+
+
+class VersionBody(_Body):
+    """A name for the draft as it is now."""
+
+    name: Annotated[str, Field(min_length=1, max_length=80)]
 
 
 class DestinationBody(_Body):

@@ -132,7 +132,7 @@ async def _offer_map(services: Services, outlet: SocketOutlet) -> None:
 
 def _offer_graph(services: Services, running_version: int, outlet: SocketOutlet) -> None:
     if services.model.published.version != running_version:
-        outlet.send(PublishGraph(services.model.published))
+        outlet.send(PublishGraph(services.model.for_devices))
 
 
 async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:

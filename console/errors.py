@@ -14,6 +14,8 @@ VbrError
 
 from __future__ import annotations
 
+from typing import Any
+
 from navcore.errors import VbrError
 
 
@@ -21,6 +23,10 @@ class ConsoleError(VbrError):
     """The console refuses a request."""
 
     status = 400
+
+    def details(self) -> dict[str, Any]:
+        """Return what a page shows beside the sentence, as plain data for JSON."""
+        return {}
 
 
 class BadRequestError(ConsoleError):

@@ -12,33 +12,40 @@ from typing import TypeVar
 import msgspec
 
 from console.errors import ConflictError
-from navcore.planning.poi_graph import Edge, Poi, PoiGraph
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
 
-Item = TypeVar("Item", Poi, Edge)
+Thing = Poi | Edge | Road
+Item = TypeVar("Item", Poi, Edge, Road)
 
 
 class GraphDelta(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The PoIs and edges that differ, each as (before, after); None where there was, or is, none."""
+    """The PoIs, edges and roads that differ, each as (before, after); None where there was, or is, none."""
 
     pois: dict[str, tuple[Poi | None, Poi | None]] = {}
     edges: dict[str, tuple[Edge | None, Edge | None]] = {}
+    roads: dict[str, tuple[Road | None, Road | None]] = {}
 
     @property
     def is_empty(self) -> bool:
         """Whether nothing differs."""
-        return not self.pois and not self.edges
+        return not self.pois and not self.edges and not self.roads
 
     def inverse(self) -> GraphDelta:
         """Return the change that takes this one back."""
         return GraphDelta(
             {key: (after, before) for key, (before, after) in self.pois.items()},
             {key: (after, before) for key, (before, after) in self.edges.items()},
+            {key: (after, before) for key, (before, after) in self.roads.items()},
         )
 
 
 def difference(before: PoiGraph, after: PoiGraph) -> GraphDelta:
     """Return what leads from one graph to another."""
-    return GraphDelta(_differing(before.pois, after.pois), _differing(before.edges, after.edges))
+    return GraphDelta(
+        _differing(before.pois, after.pois),
+        _differing(before.edges, after.edges),
+        {} if before.roads is after.roads else _differing(before.roads, after.roads),
+    )
 
 
 def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
@@ -46,7 +53,8 @@ def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
 
     Raises ConflictError where the graph does not hold what the change starts from, or would no longer be whole.
     """
-    changed = PoiGraph(version, _with(graph.pois, delta.pois), _with(graph.edges, delta.edges))
+    roads = _with(graph.roads, delta.roads) if delta.roads else graph.roads
+    changed = PoiGraph(version, _with(graph.pois, delta.pois), _with(graph.edges, delta.edges), roads)
     for edge in changed.edges.values():
         if edge.a not in changed.pois or edge.b not in changed.pois:
             raise ConflictError("An edge that was drawn since leads to this place: delete that edge first.")
@@ -70,7 +78,7 @@ def _with(items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, It
     return result
 
 
-def _label(item: Poi | Edge | None) -> str:
+def _label(item: Thing | None) -> str:
     if isinstance(item, Poi):
         return f"The place “{item.name}”"
-    return "An edge"
+    return "A road" if isinstance(item, Road) else "An edge"

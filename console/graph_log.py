@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterable
-from typing import Literal, Protocol
+from typing import Annotated, Literal, Protocol
 
 import msgspec
 
 from console.edits import Edit
+from console.errors import ConflictError
 from console.graph_delta import GraphDelta
 from navcore.planning.poi_graph import PoiGraph
+
+EntryKind = Literal["seed", "edit", "import", "rollback", "undo", "redo"]
+NAME_TAKEN = "Another version has this name already: choose another one."
+OWN_KINDS: frozenset[EntryKind] = frozenset({"edit", "import", "rollback"})
+"""What somebody did to the draft, and can take back."""
 
 
 class LogEntry(msgspec.Struct, frozen=True):
@@ -18,21 +24,40 @@ class LogEntry(msgspec.Struct, frozen=True):
 
     version: int
     """Version of the graph that this entry made."""
-    kind: Literal["seed", "edit", "undo", "redo"]
+    kind: EntryKind
     author: str
     at_s: float
     """Unix time."""
     delta: GraphDelta
     edit: Edit | None = None
-    """What was asked for; None for undo and redo."""
+    """What was asked for; None where it was no edit of one thing."""
     target_version: int | None = None
-    """For undo and redo: the version that the edit in question had made."""
+    """For undo and redo, the version that the edit in question had made; for a rollback, that which it went back to."""
+    why: str = ""
+    """For an import: what was imported."""
 
 
 class Publication(msgspec.Struct, frozen=True):
     """A graph as it was published to the devices."""
 
     graph: PoiGraph
+    author: str
+    at_s: float
+
+
+class VersionName(msgspec.Struct, frozen=True):
+    """A version of the draft that somebody gave a name, to come back to."""
+
+    version: int
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=80)]
+    author: str
+    at_s: float
+
+
+class PublishedVersion(msgspec.Struct, frozen=True):
+    """That a version was published, when and by whom."""
+
+    version: int
     author: str
     at_s: float
 
@@ -48,12 +73,24 @@ class GraphLog(Protocol):
         """The latest publication."""
         ...
 
+    def publications(self) -> Iterable[PublishedVersion]:
+        """Every publication, in the order of versions."""
+        ...
+
+    def names(self) -> Iterable[VersionName]:
+        """Every name that was given to a version, oldest first."""
+        ...
+
     def append(self, entry: LogEntry) -> None:
         """Store an entry. Raises ConflictError where its version is stored already."""
         ...
 
     def add_publication(self, publication: Publication) -> None:
         """Store a publication."""
+        ...
+
+    def add_name(self, name: VersionName) -> None:
+        """Store a name. Raises ConflictError where it is taken."""
         ...
 
 
@@ -63,6 +100,7 @@ class MemoryGraphLog:
     def __init__(self) -> None:
         self._entries: list[LogEntry] = []
         self._publications: list[Publication] = []
+        self._names: list[VersionName] = []
         self._lock = threading.Lock()
 
     def entries(self) -> Iterable[LogEntry]:
@@ -75,6 +113,16 @@ class MemoryGraphLog:
         with self._lock:
             return self._publications[-1] if self._publications else None
 
+    def publications(self) -> Iterable[PublishedVersion]:
+        """Every publication, in the order of versions."""
+        with self._lock:
+            return tuple(PublishedVersion(p.graph.version, p.author, p.at_s) for p in self._publications)
+
+    def names(self) -> Iterable[VersionName]:
+        """Every name that was given to a version, oldest first."""
+        with self._lock:
+            return tuple(self._names)
+
     def append(self, entry: LogEntry) -> None:
         """Store an entry."""
         with self._lock:
@@ -84,3 +132,10 @@ class MemoryGraphLog:
         """Store a publication."""
         with self._lock:
             self._publications.append(publication)
+
+    def add_name(self, name: VersionName) -> None:
+        """Store a name."""
+        with self._lock:
+            if any(known.name == name.name for known in self._names):
+                raise ConflictError(NAME_TAKEN)
+            self._names.append(name)

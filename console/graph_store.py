@@ -9,9 +9,9 @@ from sqlalchemy import select
 from sqlalchemy.exc import IntegrityError
 
 from console.errors import ConflictError
-from console.graph_log import LogEntry, Publication
+from console.graph_log import NAME_TAKEN, LogEntry, Publication, PublishedVersion, VersionName
 from console.store import Store
-from console.tables import GraphEntryRow, PublicationRow, SiteRow
+from console.tables import GraphEntryRow, PublicationRow, SiteRow, VersionNameRow
 from navcore.errors import InputError
 from navcore.planning.poi_graph import PoiGraph
 
@@ -40,6 +40,19 @@ class StoredGraphLog:
         if row is None:
             return None
         return Publication(msgspec.json.decode(row.graph_json, type=PoiGraph), row.author, row.at_s)
+
+    def publications(self) -> Iterable[PublishedVersion]:
+        """Every publication, in the order of versions."""
+        columns = select(PublicationRow.version, PublicationRow.author, PublicationRow.at_s)
+        rows = columns.where(PublicationRow.site_id == self._site_id).order_by(PublicationRow.version)
+        with self._store.reading() as session:
+            return [PublishedVersion(version, author, at_s) for version, author, at_s in session.execute(rows)]
+
+    def names(self) -> Iterable[VersionName]:
+        """Every name that was given to a version, oldest first."""
+        rows = select(VersionNameRow).where(VersionNameRow.site_id == self._site_id).order_by(VersionNameRow.at_s)
+        with self._store.reading() as session:
+            return [VersionName(row.version, row.name, row.author, row.at_s) for row in session.scalars(rows)]
 
     def append(self, entry: LogEntry) -> None:
         """Store an entry durably, with its line in the audit log. Raises ConflictError where its version exists."""
@@ -71,6 +84,18 @@ class StoredGraphLog:
             )
             self._store.add_audit(session, publication.author, "graph_publish", f"version {graph.version}")
 
+    def add_name(self, name: VersionName) -> None:
+        """Store a name durably. Raises ConflictError where it is taken."""
+        row = VersionNameRow(
+            site_id=self._site_id, name=name.name, version=name.version, author=name.author, at_s=name.at_s
+        )
+        try:
+            with self._store.writing() as session:
+                session.add(row)
+                self._store.add_audit(session, name.author, "graph_name", f"version {name.version}: {name.name}")
+        except IntegrityError as error:
+            raise ConflictError(NAME_TAKEN) from error
+
     @staticmethod
     def _decode(version: int, text: str) -> LogEntry:
         try:
@@ -84,4 +109,6 @@ class StoredGraphLog:
 def _in_words(entry: LogEntry) -> str:
     if entry.edit is not None:
         return msgspec.json.encode(entry.edit).decode()
-    return f"version {entry.version}" if entry.target_version is None else f"of version {entry.target_version}"
+    if entry.target_version is None:
+        return entry.why or f"version {entry.version}"
+    return f"of version {entry.target_version}"

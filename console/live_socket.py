@@ -54,6 +54,16 @@ def panel_view(services: Services, who: str) -> dict[str, Any]:
     return {
         "draft_version": model.graph.version,
         "published_version": model.published.version,
+        "people": [
+            {
+                "name": window.user_name,
+                "where": window.where,
+                "doing": window.doing,
+                "thing": window.thing,
+                "you": window.user_name == who,
+            }
+            for window in services.presence.windows()
+        ],
         "can_undo": model.can_undo(who),
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
@@ -68,6 +78,7 @@ async def _stream(socket: WebSocket, services: Services, who: str) -> None:
     ends = [
         services.hub.subscribe(lambda _: _set_from_any_thread(loop, changed)),
         services.model.subscribe(lambda _: _set_from_any_thread(loop, changed)),
+        services.presence.subscribe(lambda: _set_from_any_thread(loop, changed)),
     ]
     try:
         while True:

@@ -17,11 +17,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from console.edits import Edit, evaluate
-from console.errors import ConflictError
+import msgspec
+
+from console.edit_conflict import EditConflictError
+from console.edits import Edit, Thing, evaluate, touched
+from console.errors import ConflictError, NotFoundError
 from console.graph_delta import GraphDelta, apply_delta, difference
-from console.graph_log import GraphLog, LogEntry, Publication
-from navcore.planning.poi_graph import PoiGraph
+from console.graph_log import OWN_KINDS, EntryKind, GraphLog, LogEntry, Publication, PublishedVersion, VersionName
+from navcore.errors import VbrError
+from navcore.planning.edits import validate
+from navcore.planning.poi_graph import PoiGraph, Road
+from navcore.planning.road_edits import network_of, recorded_roads
 from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, save_poi_graph
 
@@ -34,7 +40,7 @@ SYSTEM = "system"
 class ModelChange:
     """What a listener is told."""
 
-    kind: Literal["edit", "undo", "redo", "publish"]
+    kind: EntryKind | Literal["publish"]
     author: str
     graph: PoiGraph
     """The draft after the change."""
@@ -54,7 +60,9 @@ class SiteModel:
         self, site: Site, log: GraphLog, folder: Path | None = None, now_s: Callable[[], float] = time.time
     ) -> None:
         self.site = site
-        self.network = RoadNetwork.from_roads(site.roads_m)
+        self._recorded = recorded_roads(site.roads_m)
+        self._network: tuple[dict[str, Road], RoadNetwork] = self._recorded, network_of(self._recorded)
+        self._changed: dict[Thing, LogEntry] = {}
         self._log = log
         self._folder = folder
         self._now_s = now_s
@@ -62,8 +70,8 @@ class SiteModel:
         self._listeners: list[Listener] = []
         self._undo: dict[str, list[LogEntry]] = {}
         self._redo: dict[str, list[LogEntry]] = {}
-        self._graph = PoiGraph()
-        self._published = PoiGraph()
+        self._graph = PoiGraph(roads=self._recorded)
+        self._published = self._graph
         self._restore()
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -73,9 +81,19 @@ class SiteModel:
         return self._graph
 
     @property
+    def network(self) -> RoadNetwork:
+        """The network that the draft's roads make."""
+        return self._network_of(self._graph)
+
+    @property
     def published(self) -> PoiGraph:
-        """The graph that devices are given."""
+        """The graph that was published last."""
         return self._published
+
+    @property
+    def for_devices(self) -> PoiGraph:
+        """What devices get of the published graph: they walk along edges, and need no roads."""
+        return msgspec.structs.replace(self._published, roads={})
 
     def can_undo(self, who: str) -> bool:
         """Whether ``who`` has an edit to take back."""
@@ -88,6 +106,25 @@ class SiteModel:
     def history(self) -> tuple[LogEntry, ...]:
         """Every change of the draft since it began, oldest first."""
         return tuple(self._log.entries())
+
+    def graph_at(self, version: int) -> PoiGraph:
+        """Return the draft as it was in an earlier version. Raises NotFoundError where there was none."""
+        graph = PoiGraph(roads=self._recorded)
+        for entry in self._log.entries():
+            if entry.version > version:
+                break
+            graph = apply_delta(graph, entry.delta, entry.version)
+        if graph.version != version:
+            raise NotFoundError(f"There is no version {version} of this map: look at the history for those that are.")
+        return graph
+
+    def named_versions(self) -> tuple[VersionName, ...]:
+        """Every version that somebody gave a name, oldest name first."""
+        return tuple(self._log.names())
+
+    def publications(self) -> tuple[PublishedVersion, ...]:
+        """Every version that was published, oldest first."""
+        return tuple(self._log.publications())
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call ``listener`` after each change, in order, from whichever thread made it; return what ends that.
@@ -109,26 +146,50 @@ class SiteModel:
         """Return the graph that the edit would make, and change nothing. Raises InputError or PlanningError."""
         return evaluate(edit, self._graph, self.network)
 
-    def apply(self, edit: Edit, who: str) -> PoiGraph:
+    def apply(self, edit: Edit, who: str, base_version: int | None = None) -> PoiGraph:
         """Make an edit and return the new draft; stored before this returns.
 
-        An edit that changes nothing makes no version. Raises InputError or PlanningError, and changes nothing.
+        ``base_version`` is the version that ``who`` saw when they decided on it; None is the one that is there now.
+        An edit that changes nothing makes no version. Raises InputError, PlanningError, or, where somebody else has
+        changed the same thing since, EditConflictError with both; then nothing is changed.
         """
         with self._lock:
+            if base_version is not None:
+                self._refuse_conflict(edit, who, base_version)
             delta = difference(self._graph, evaluate(edit, self._graph, self.network))
-            if delta.is_empty:
-                return self._graph
-            entry = self._advance("edit", who, delta, edit=edit)
-            self._undo.setdefault(who, []).append(entry)
-            self._redo.pop(who, None)
-            self._tell("edit", who)
-            return self._graph
+            return self._make("edit", who, delta, edit=edit)
+
+    def replace(self, graph: PoiGraph, who: str, why: str = "") -> PoiGraph:
+        """Put another graph in the draft's place, as one change that one undo takes back; return the new draft.
+
+        A graph without roads lies on those that are there. Raises InputError where the graph breaks a law.
+        """
+        with self._lock:
+            whole = graph if graph.roads else msgspec.structs.replace(graph, roads=self._graph.roads)
+            validate(whole)
+            return self._make("import", who, difference(self._graph, whole), why=why)
+
+    def roll_back(self, version: int, who: str) -> PoiGraph:
+        """Make the draft what it was in an earlier version, as one change that one undo takes back; return it.
+
+        Raises NotFoundError where there is no such version.
+        """
+        with self._lock:
+            delta = difference(self._graph, self.graph_at(version))
+            return self._make("rollback", who, delta, target_version=version)
+
+    def name_version(self, name: str, who: str) -> VersionName:
+        """Give the draft, as it is now, a name to come back to. Raises ConflictError where it is taken."""
+        with self._lock:
+            named = VersionName(self._graph.version, name, who, self._now_s())
+            self._log.add_name(named)
+            return named
 
     def undo(self, who: str) -> PoiGraph:
         """Take back the latest edit of ``who``. Raises ConflictError where there is none, or others built on it."""
         with self._lock:
             entry = self._pop(self._undo, who, "There is nothing to undo.")
-            self._advance("undo", who, entry.delta.inverse(), target=entry)
+            self._advance("undo", who, entry.delta.inverse(), target_version=entry.version)
             self._redo.setdefault(who, []).append(entry)
             self._tell("undo", who)
             return self._graph
@@ -137,7 +198,7 @@ class SiteModel:
         """Make again what ``who`` took back last. Raises ConflictError where it cannot be done."""
         with self._lock:
             entry = self._pop(self._redo, who, "There is nothing to redo.")
-            self._advance("redo", who, entry.delta, target=entry)
+            self._advance("redo", who, entry.delta, target_version=entry.version)
             self._undo.setdefault(who, []).append(entry)
             self._tell("redo", who)
             return self._graph
@@ -151,22 +212,70 @@ class SiteModel:
             return self._published
 
     # ----------------------------------------------------------------------------------------------- internals
-    def _advance(
+    def _make(
         self,
-        kind: Literal["seed", "edit", "undo", "redo"],
+        kind: EntryKind,
         who: str,
         delta: GraphDelta,
         *,
         edit: Edit | None = None,
-        target: LogEntry | None = None,
+        target_version: int | None = None,
+        why: str = "",
+    ) -> PoiGraph:
+        """Make a change that its author can take back."""
+        if delta.is_empty:
+            return self._graph
+        entry = self._advance(kind, who, delta, edit=edit, target_version=target_version, why=why)
+        self._undo.setdefault(who, []).append(entry)
+        self._redo.pop(who, None)
+        self._tell(kind, who)
+        return self._graph
+
+    def _advance(
+        self,
+        kind: EntryKind,
+        who: str,
+        delta: GraphDelta,
+        *,
+        edit: Edit | None = None,
+        target_version: int | None = None,
         version: int | None = None,
+        why: str = "",
     ) -> LogEntry:
         version = self._graph.version + 1 if version is None else version
         changed = apply_delta(self._graph, delta, version)
-        entry = LogEntry(version, kind, who, self._now_s(), delta, edit, target.version if target else None)
+        entry = LogEntry(version, kind, who, self._now_s(), delta, edit, target_version, why)
         self._log.append(entry)
-        self._graph = changed
+        self._take(entry, changed)
         return entry
+
+    def _take(self, entry: LogEntry, changed: PoiGraph) -> None:
+        self._graph = changed
+        delta = entry.delta
+        for poi_id in delta.pois:
+            self._changed["poi", poi_id] = entry
+        for edge_id in delta.edges:
+            self._changed["edge", edge_id] = entry
+        for road_id in delta.roads:
+            self._changed["road", road_id] = entry
+
+    def _refuse_conflict(self, edit: Edit, who: str, base_version: int) -> None:
+        for thing in touched(edit, self._graph):
+            entry = self._changed.get(thing)
+            if entry is None or entry.version <= base_version or entry.author in (who, SYSTEM):
+                continue
+            try:
+                yours: PoiGraph | None = self.preview(edit)
+            except VbrError:
+                yours = None
+            raise EditConflictError(thing, entry, self._graph, yours)
+
+    def _network_of(self, graph: PoiGraph) -> RoadNetwork:
+        roads, network = self._network
+        if roads is not graph.roads:
+            network = network_of(graph.roads)
+            self._network = graph.roads, network
+        return network
 
     @staticmethod
     def _pop(stacks: dict[str, list[LogEntry]], who: str, nothing: str) -> LogEntry:
@@ -177,7 +286,7 @@ class SiteModel:
         return stack.pop()
 
     def _publish_as(self, who: str) -> None:
-        self._log.add_publication(Publication(self._graph, who, self._now_s()))
+        self._log.add_publication(Publication(self._without_recorded(self._graph), who, self._now_s()))
         self._published = self._graph
         self._write_published()
 
@@ -185,12 +294,19 @@ class SiteModel:
         if self._folder is None:
             return
         try:
-            save_poi_graph(self._published, self._folder)
+            save_poi_graph(self._without_recorded(self._published), self._folder)
         except OSError as error:
             # The log holds it, and devices are given the log's: the file is a copy for other programs.
             _log.warning("The published PoI-graph could not be written to %s: %s", self._folder, error)
 
-    def _tell(self, kind: Literal["edit", "undo", "redo", "publish"], who: str) -> None:
+    def _with_recorded(self, graph: PoiGraph) -> PoiGraph:
+        """A graph whose roads nobody has edited is stored without them: they are the site's."""
+        return graph if graph.roads else msgspec.structs.replace(graph, roads=self._recorded)
+
+    def _without_recorded(self, graph: PoiGraph) -> PoiGraph:
+        return msgspec.structs.replace(graph, roads={}) if graph.roads == self._recorded else graph
+
+    def _tell(self, kind: EntryKind | Literal["publish"], who: str) -> None:
         change = ModelChange(kind, who, self._graph, self._published.version)
         for listener in tuple(self._listeners):
             try:
@@ -206,25 +322,26 @@ class SiteModel:
             return
         by_version: dict[int, LogEntry] = {}
         for entry in entries:
-            self._graph = apply_delta(self._graph, entry.delta, entry.version)
+            self._take(entry, apply_delta(self._graph, entry.delta, entry.version))
             by_version[entry.version] = entry
             self._replay_stacks(entry, by_version)
         publication = self._log.published()
         if publication is None:
             self._publish_as(SYSTEM)
         else:
-            self._published = publication.graph
-        if self._published != self.site.poi_graph:
+            self._published = self._with_recorded(publication.graph)
+        if self._without_recorded(self._published) != self.site.poi_graph:
             self._write_published()
 
     def _seed(self) -> None:
         version = max(1, self.site.poi_graph.version)
-        self._advance("seed", SYSTEM, difference(PoiGraph(), self.site.poi_graph), version=version)
+        seed = self._with_recorded(self.site.poi_graph)
+        self._advance("seed", SYSTEM, difference(self._graph, seed), version=version)
         self._publish_as(SYSTEM)
 
     def _replay_stacks(self, entry: LogEntry, by_version: dict[int, LogEntry]) -> None:
         undo, redo = self._undo.setdefault(entry.author, []), self._redo.setdefault(entry.author, [])
-        if entry.kind == "edit":
+        if entry.kind in OWN_KINDS:
             undo.append(entry)
             redo.clear()
         elif entry.target_version is not None:

@@ -54,6 +54,11 @@ RULES: Mapping[tuple[str, str], Rule] = {
     # The PoI-graph.
     ("GET", "/api/graph"): EVERYBODY,
     ("GET", "/api/history"): EVERYBODY,
+    ("GET", "/api/versions"): EVERYBODY,
+    ("POST", "/api/versions"): EDITORS,
+    ("GET", "/api/versions/{version}/difference"): EVERYBODY,
+    ("POST", "/api/versions/{version}/roll-back"): EDITORS,
+    ("POST", "/api/presence"): EVERYBODY,
     ("POST", "/api/edits"): EDITORS,
     ("POST", "/api/undo"): EDITORS,
     ("POST", "/api/redo"): EDITORS,

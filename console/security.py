@@ -187,8 +187,8 @@ def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
 
 
 def error_response(error: ConsoleError) -> JSONResponse:
-    """Return a refusal as JSON: ``{"error": sentence}``."""
-    response = JSONResponse({"error": str(error)}, status_code=error.status)
+    """Return a refusal as JSON: ``{"error": sentence}``, and what belongs to it."""
+    response = JSONResponse({"error": str(error), **error.details()}, status_code=error.status)
     retry_after_s: Any = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         response.headers["Retry-After"] = str(max(1, round(retry_after_s)))

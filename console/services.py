@@ -12,6 +12,7 @@ from console.live import Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
+from console.presence import Presence
 from console.recordings import Recordings
 from console.sockets import SessionSockets
 from console.store import Store
@@ -29,6 +30,8 @@ class Services:
     devices: DeviceStore
     model: SiteModel
     hub: DeviceHub
+    presence: Presence
+    """Who looks at the map, and at what."""
     views: ViewRequests
     """Requests of a page to the 3D scene inside it."""
     sockets: SessionSockets
@@ -53,7 +56,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
 
     def model_changed(change: ModelChange) -> None:
         if change.kind == "publish":
-            hub.offer_graph(model.published, package.checksum)
+            hub.offer_graph(model.for_devices, package.checksum)
 
     def commanded(device_id: str, command: Command) -> None:
         store.audit(command.who, f"device_{command.kind}", f"{device_id} {command.detail}")
@@ -66,5 +69,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     return Services(
-        config, store, accounts, devices, model, hub, views, sockets, package, tuning, recordings, builds
+        config, store, accounts, devices, model, hub, Presence(hub.now_s), views, sockets, package, tuning, recordings,
+        builds,
     )  # fmt: skip

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select
+from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select, update
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
@@ -104,6 +104,11 @@ def _prepare_schema(engine: Engine, where: str) -> None:
                 connection.execute(insert(SchemaRow).values(version=SCHEMA_VERSION))
                 return
             version = connection.scalar(select(SchemaRow.version))
+            if version is not None and version < SCHEMA_VERSION:
+                # So far each version only added tables.
+                Base.metadata.create_all(connection)
+                connection.execute(update(SchemaRow).values(version=SCHEMA_VERSION))
+                version = SCHEMA_VERSION
     except OperationalError as error:
         raise InputError(
             f"The database {where} cannot be opened ({error.orig}): see whether its folder is writable and the disk has"

@@ -5,7 +5,8 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
+"""2 added the names of versions."""
 
 
 class Base(DeclarativeBase):
@@ -106,6 +107,17 @@ class PublicationRow(Base):
     author: Mapped[str]
     at_s: Mapped[float]
     graph_json: Mapped[str] = mapped_column(Text)
+
+
+class VersionNameRow(Base):
+    """A version of a site's draft that somebody gave a name."""
+
+    __tablename__ = "version_names"
+    site_id: Mapped[str] = mapped_column(ForeignKey("sites.site_id"), primary_key=True)
+    name: Mapped[str] = mapped_column(primary_key=True)
+    version: Mapped[int]
+    author: Mapped[str]
+    at_s: Mapped[float]
 
 
 class EventRow(Base):

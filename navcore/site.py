@@ -212,6 +212,8 @@ def load_poi_graph(folder: Path) -> PoiGraph:
     try:
         raw = json.loads(path.read_bytes())
         checksum = raw.pop("sha256", None)
+        # Of what the file says, so that one written before a field was added is still whole.
+        found = _graph_checksum(raw)
         graph = msgspec.convert(raw, PoiGraph)
     except (OSError, ValueError, RecursionError, AttributeError, TypeError) as error:
         raise SiteError(f"{path} is damaged ({error}): publish the PoI-graph again from the console.") from error
@@ -220,7 +222,7 @@ def load_poi_graph(folder: Path) -> PoiGraph:
             f"{path} is damaged (edge {loose.id} does not join two of its places): publish the PoI-graph again from the"
             " console."
         )
-    if checksum not in (None, _graph_checksum(graph)):
+    if checksum not in (None, found):
         raise SiteError(
             f"{path} is damaged (its checksum is another): publish the PoI-graph again from the console, or, if you"
             " changed it by hand, delete its sha256."
@@ -228,13 +230,14 @@ def load_poi_graph(folder: Path) -> PoiGraph:
     return graph
 
 
-def _graph_checksum(graph: PoiGraph) -> str:
-    return hashlib.sha256(msgspec.json.encode(graph)).hexdigest()
+def _graph_checksum(raw: dict[str, Any]) -> str:
+    return hashlib.sha256(msgspec.json.encode(raw)).hexdigest()
 
 
 def save_poi_graph(graph: PoiGraph, folder: Path) -> None:
     """Replace the published PoI-graph of a site in one step."""
-    sealed = {"sha256": _graph_checksum(graph), **msgspec.to_builtins(graph)}
+    raw = msgspec.to_builtins(graph)
+    sealed = {"sha256": _graph_checksum(raw), **raw}
     write_whole(folder / _GRAPH_FILE, msgspec.json.format(msgspec.json.encode(sealed), indent=1))
 
 

@@ -19,6 +19,7 @@ from navcore.errors import InputError, MappingError
 from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import Poi, PoiGraph
 from navcore.planning.road_change import Carried, carried_over
+from navcore.planning.road_edits import drawn_lines_m, roads_with_drawn
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark, Recording, read_marks
 from navcore.settings import LocalizationSettings
@@ -172,8 +173,11 @@ def _graph_after(
 ) -> tuple[Carried, tuple[str, ...]]:
     """Return the graph with the new places, and the names of those that nobody knows where to put."""
     joined = extension.joined
-    before, network = RoadNetwork.from_roads(site.roads_m), RoadNetwork.from_roads(roads)
     graph = site.poi_graph
+    drawn = drawn_lines_m(graph)
+    drawn_now = [_moved_places(joined.known, line) for line in drawn]
+    before, network = _network((*site.roads_m, *drawn)), _network((*roads, *drawn_now))
+    graph = msgspec.structs.replace(graph, roads=roads_with_drawn(roads, drawn_now))
     places = np.array([(poi.x_m, poi.y_m) for poi in graph.pois.values()]).reshape(-1, 2)
     moved = dict(zip(graph.pois, map(_pair, _moved_places(joined.known, places)), strict=True))
     slam_map = joined.slam_map
@@ -189,7 +193,12 @@ def _pair(place: FloatArray) -> tuple[float, float]:
 
 def _placed(graph: PoiGraph, places_m: dict[str, tuple[float, float]]) -> PoiGraph:
     pois = {key: _at(poi, places_m[key]) for key, poi in graph.pois.items()}
-    return PoiGraph(graph.version, pois, graph.edges)
+    return PoiGraph(graph.version, pois, graph.edges, graph.roads)
+
+
+def _network(roads_m: Sequence[FloatArray]) -> RoadNetwork:
+    """A recording has heights; a drawn line has none, and the network needs none."""
+    return RoadNetwork.from_roads([road[:, :2] for road in roads_m])
 
 
 # ------------------------------------------------------------------------------------------------------- removing
@@ -208,8 +217,10 @@ def remove_session(site: Site, session_id: str) -> Growth:
     slam_map = renumbered(slam_map, number)
     kept = [(road, of - (of > number)) for road, of in _numbered_roads(site) if of != number]
     roads = tuple(road for road, _ in kept)
-    before, network = RoadNetwork.from_roads(site.roads_m), RoadNetwork.from_roads(roads)
-    carried = carried_over(site.poi_graph, {}, {}, before, network)
+    drawn = drawn_lines_m(site.poi_graph)
+    graph = msgspec.structs.replace(site.poi_graph, roads=roads_with_drawn(roads, drawn))
+    before, network = _network((*site.roads_m, *drawn)), _network((*roads, *drawn))
+    carried = carried_over(graph, {}, {}, before, network)
     left = replace(
         with_cloud(site, cloud_without_session(cloud_of(site), number)),
         map_arrays=slam_map.to_arrays(),

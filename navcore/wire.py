@@ -19,7 +19,7 @@ from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 
-PROTOCOL_VERSION = 4
+PROTOCOL_VERSION = 5
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
 3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told;
 a state tells how long the loop's stages take, and what is left out where they take too long.
@@ -330,7 +330,7 @@ _ROWS = (
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
-    MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 4, Delivery.OFFER, MAX_MESSAGE_BYTES),
+    MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),
 )
 MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})
 """Every message that passes between device and console."""

@@ -406,7 +406,7 @@ def test_a_device_with_another_map_fetches_ours_and_then_gets_the_graph(
     stranger.send(MapRunning("another", waiting_checksum=offer.map_checksum))
     until(server.services.hub, lambda d: d.map_waiting == offer.map_checksum)
     stranger.send(MapRunning(offer.map_checksum))
-    assert stranger.next(PublishGraph).graph == server.services.model.published
+    assert stranger.next(PublishGraph).graph == server.services.model.for_devices
     stranger.socket.close()
 
 

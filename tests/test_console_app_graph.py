@@ -230,7 +230,7 @@ def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
         published = admin.http.post("/api/publish").json()
         assert published["published_version"] == published["version"]
         assert len(published["destinations"]) == 3
-        assert load_poi_graph(tmp_path / "site") == server.services.model.published
+        assert load_poi_graph(tmp_path / "site") == server.services.model.for_devices
         assert [line["kind"] for line in admin.http.get("/api/history").json()["history"]][:4] == [
             "undo",
             "undo",
@@ -244,8 +244,8 @@ def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
 def test_the_graph_of_the_site_is_where_the_draft_begins(tmp_path: Path, small_site: Site) -> None:
     save_site(small_site, tmp_path / "site")
     with serving(tmp_path / "site", tmp_path / "data") as server:
-        assert server.services.model.graph == small_site.poi_graph
-        assert server.services.model.published == small_site.poi_graph
+        assert server.services.model.graph.pois == small_site.poi_graph.pois
+        assert server.services.model.for_devices == small_site.poi_graph
 
 
 def test_a_map_that_was_built_anew_begins_from_its_own_graph(tmp_path: Path, small_site: Site) -> None:

@@ -19,11 +19,14 @@ import numpy as np
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
 from navcore.planning.neighbours import neighbour_pieces
-from navcore.planning.poi_graph import POI_KINDS, Edge, Poi, PoiGraph, PoiKind
+from navcore.planning.poi_graph import CAUTION_SIDES, POI_KINDS, CautionSide, Edge, Poi, PoiGraph, PoiKind
+from navcore.planning.projection import path_between, project_on_path
 from navcore.planning.road_network import RoadNetwork, RoadPiece
 
 MAX_SNAP_DISTANCE_M = 2.0
 """A PoI that is put farther from the road than this is refused: it would jump to where nobody meant it."""
+OTHER_SIDE: Mapping[CautionSide, CautionSide] = {"none": "none", "both": "both", "left": "right", "right": "left"}
+"""The side of an edge as it is called by whoever walks it the other way."""
 _SAME_PLACE_M = 0.05
 _LENGTH_TOLERANCE_M = 1e-6
 
@@ -95,6 +98,27 @@ def rename_poi(graph: PoiGraph, poi_id: str, name: str) -> PoiGraph:
     return update_poi(graph, poi_id, name=name)
 
 
+def merge_pois(graph: PoiGraph, network: RoadNetwork, poi_id: str, other_id: str) -> PoiGraph:
+    """Make one place of two: ``other_id`` goes, its edges lead to ``poi_id``, which stays as it is.
+
+    An edge between the two goes as well, and of two edges to the same place the one that ``poi_id`` had stays.
+    Raises InputError where one is unknown, or an edge cannot follow.
+    """
+    if _poi(graph, poi_id) is _poi(graph, other_id):
+        raise InputError(f"Merging takes two different places, not {graph.pois[poi_id].name} twice.")
+    pois = {key: poi for key, poi in graph.pois.items() if key != other_id}
+    edges = {key: edge for key, edge in graph.edges.items() if other_id not in (edge.a, edge.b)}
+    joined = {frozenset((edge.a, edge.b)) for edge in edges.values()}
+    for edge in graph.edges.values():
+        ends = {poi_id if end == other_id else end: None for end in (edge.a, edge.b)}
+        if other_id not in (edge.a, edge.b) or len(ends) < 2 or frozenset(ends) in joined:
+            continue
+        a, b = ends
+        edges[edge.id] = along_road(network, pois, msgspec.structs.replace(edge, a=a, b=b))
+        joined.add(frozenset(ends))
+    return _next(graph, pois=pois, edges=edges)
+
+
 def delete_poi(graph: PoiGraph, poi_id: str) -> PoiGraph:
     """Remove a place and the edges that end there. Raises InputError where it is unknown."""
     _poi(graph, poi_id)
@@ -134,14 +158,61 @@ def set_edge(
     one_way: bool | None = None,
     closed: bool | None = None,
     cost_multiplier: float | None = None,
+    width_m: float | None = None,
+    caution_side: CautionSide | None = None,
+    turned: bool = False,
 ) -> PoiGraph:
-    """Change how an edge may be walked; None leaves a value as it is. Raises InputError."""
+    """Change how an edge may be walked; None leaves a value as it is, a width of 0 makes it unknown.
+
+    ``turned`` lets it lead from b to a: a one-way edge leads the other way then, and the side of caution, which stays
+    where it is in the building, has its other name. Raises InputError.
+    """
     edge = _edge(graph, edge_id)
+    if turned:
+        edge = _turned(edge)
+    if width_m is not None and width_m != 0.0 and not 0.3 <= width_m <= 50.0:
+        raise InputError(f"A passage cannot be {width_m:g} m wide: give 0.3 to 50 m, or 0 where it is not known.")
+    if caution_side is not None and caution_side not in CAUTION_SIDES:
+        raise InputError(f"There is no side {caution_side!r}: choose one of {', '.join(CAUTION_SIDES)}.")
     if cost_multiplier is not None and not 1.0 <= cost_multiplier <= 100.0:
         raise InputError(f"The cost of an edge cannot be {cost_multiplier:g}: give a number from 1 to 100.")
-    given = {"one_way": one_way, "closed": closed, "cost_multiplier": cost_multiplier}
-    changes = {key: value for key, value in given.items() if value is not None}
+    given = {
+        "one_way": one_way, "closed": closed, "cost_multiplier": cost_multiplier, "width_m": width_m,
+        "caution_side": caution_side,
+    }  # fmt: skip
+    changes: dict[str, object] = {key: value for key, value in given.items() if value is not None}
+    if width_m == 0.0:
+        changes["width_m"] = None
     return _next(graph, edges={**graph.edges, edge_id: msgspec.structs.replace(edge, **changes)})
+
+
+def split_edge(
+    graph: PoiGraph, network: RoadNetwork, edge_id: str, x_m: float, y_m: float, *, name: str, kind: PoiKind
+) -> PoiGraph:
+    """Tag a place on an edge, at its point nearest to (x, y): two edges, walked as the whole one was.
+
+    Raises InputError where the edge is unknown, or that point is too near to one of its ends.
+    """
+    edge = _edge(graph, edge_id)
+    if not (math.isfinite(x_m) and math.isfinite(y_m)):
+        raise InputError("A place needs two coordinates in metres.")
+    path = np.array(edge.path_m)
+    cut = project_on_path(path, x_m, y_m)
+    if min(cut.arc_length_m, edge.length_m - cut.arc_length_m) < _SAME_PLACE_M:
+        raise InputError("There is a place at this end of the connection already: choose a point farther inside.")
+    graph = add_poi(graph, network, name=name, kind=kind, x_m=cut.x_m, y_m=cut.y_m)
+    middle = next(reversed(graph.pois))
+    second_id = free_edge_id(graph.edges)
+    ways = (
+        (edge_id, edge.a, middle, path_between(path, 0.0, cut.arc_length_m)),
+        (second_id, middle, edge.b, path_between(path, cut.arc_length_m, edge.length_m)),
+    )
+    parts = {
+        key: edge_of_piece(msgspec.structs.replace(edge, id=key, a=a, b=b), graph.pois, RoadPiece(part, 0.0))
+        for key, a, b, part in ways
+    }
+    # The new place and the edges are one edit.
+    return PoiGraph(graph.version, graph.pois, {**graph.edges, **parts}, graph.roads)
 
 
 def propose_edges(graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
@@ -183,6 +254,11 @@ def validate(graph: PoiGraph) -> None:
             raise InputError(f"The edge {edge.id} joins places that another edge joins already: delete one.")
         pairs.add(frozenset((edge.a, edge.b)))
         _check_edge(graph, edge)
+    for key, road in graph.roads.items():
+        if key != road.id:
+            raise InputError(f"The road {road.id!r} is filed under {key!r}: import the graph again.")
+        if len(road.points_m) < 2:
+            raise InputError(f"The road {road.id} has fewer than two points: delete it, or draw it again.")
 
 
 def _check_edge(graph: PoiGraph, edge: Edge) -> None:
@@ -213,7 +289,15 @@ def free_edge_id(edges: Mapping[str, Edge]) -> str:
 
 
 def _next(graph: PoiGraph, pois: dict[str, Poi] | None = None, edges: dict[str, Edge] | None = None) -> PoiGraph:
-    return PoiGraph(graph.version + 1, graph.pois if pois is None else pois, graph.edges if edges is None else edges)
+    return PoiGraph(
+        graph.version + 1, graph.pois if pois is None else pois, graph.edges if edges is None else edges, graph.roads
+    )
+
+
+def _turned(edge: Edge) -> Edge:
+    return msgspec.structs.replace(
+        edge, a=edge.b, b=edge.a, path_m=edge.path_m[::-1], caution_side=OTHER_SIDE[edge.caution_side]
+    )
 
 
 def _poi(graph: PoiGraph, poi_id: str) -> Poi:

@@ -16,7 +16,7 @@ import numpy as np
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import along_road, edge_of_piece, free_edge_id
+from navcore.planning.edits import OTHER_SIDE, along_road, edge_of_piece, free_edge_id
 from navcore.planning.neighbours import neighbour_pieces
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.planning.projection import project_on_path
@@ -69,7 +69,7 @@ def carried_over(
         else:
             edges[edge.id] = kept
     _propose(edges, pois, points, pieces, (added, divided, known))
-    return Carried(PoiGraph(graph.version + 1, pois, edges), off_road, tuple(lost))
+    return Carried(PoiGraph(graph.version + 1, pois, edges, graph.roads), off_road, tuple(lost))
 
 
 def _put_back(poi: Poi, place_m: tuple[float, float], network: RoadNetwork) -> Poi:
@@ -138,7 +138,9 @@ def _inheriting(part: Edge, divided: list[Edge]) -> Edge:
             is_forward = on_it[0].arc_length_m <= on_it[-1].arc_length_m
             turned = msgspec.structs.replace(part, a=part.b, b=part.a, path_m=part.path_m[::-1])
             along = part if is_forward or not whole.one_way else turned
+            side = whole.caution_side if is_forward or whole.one_way else OTHER_SIDE[whole.caution_side]
             return msgspec.structs.replace(
-                along, one_way=whole.one_way, closed=whole.closed, cost_multiplier=whole.cost_multiplier
-            )
+                along, one_way=whole.one_way, closed=whole.closed, cost_multiplier=whole.cost_multiplier,
+                width_m=whole.width_m, caution_side=side,
+            )  # fmt: skip
     return part

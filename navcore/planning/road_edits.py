@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -62,6 +62,22 @@ def roads_with_drawn(roads_m: Sequence[FloatArray], drawn_m: Sequence[FloatArray
         road_id = _free_road_id(roads)
         roads[road_id] = _as_road(road_id, line, "drawn")
     return roads
+
+
+def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]) -> str | None:
+    """Return the name of the first of these that no road carries (any more); None where all lie on one."""
+    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
+    for poi in pois:
+        if poi.on_road and not _carries(network, [(poi.x_m, poi.y_m)]):
+            return poi.name
+    for edge in (graph.edges[key] for key in edge_ids if key in graph.edges):
+        if not _carries(network, edge.path_m):
+            return f"{graph.pois[edge.a].name} – {graph.pois[edge.b].name}"
+    return None
+
+
+def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
+    return not network.is_empty and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in points_m)
 
 
 # ---------------------------------------------------------------------------------------------------------- edits
@@ -167,7 +183,7 @@ def _put_back(poi: Poi, network: RoadNetwork) -> Poi:
 def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], network: RoadNetwork) -> Edge:
     a, b = pois[edge.a], pois[edge.b]
     stays = (a, b) == (graph.pois[edge.a], graph.pois[edge.b])
-    if stays and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in edge.path_m):
+    if stays and _carries(network, edge.path_m):
         return edge
     try:
         laid = along_road(network, pois, edge)

@@ -22,6 +22,7 @@ from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
 from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
+_NEAR_M = 2.0
 IndexArray = NDArray[np.int64]
 
 
@@ -141,14 +142,18 @@ class RoadNetwork:
             path = np.array([a.xy_m, b.xy_m])
             return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
         starts, ends = self._ends(a), self._ends(b)
-        distances, previous = dijkstra(
-            self.matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True
-        )
-        length_m, row, last = min(
-            (start_m + float(distances[i, vertex]) + end_m, i, vertex)
-            for i, (_, start_m) in enumerate(starts)
-            for vertex, end_m in ends
-        )
+        # Mostly the way is hardly longer than the straight line: only where it is, the whole network is searched.
+        for limit_m in (2.0 * math.dist(a.xy_m, b.xy_m) + _NEAR_M, math.inf):
+            distances, previous = dijkstra(
+                self._both_ways, indices=[v for v, _ in starts], return_predecessors=True, limit=limit_m
+            )
+            length_m, row, last = min(
+                (start_m + float(distances[i, vertex]) + end_m, i, vertex)
+                for i, (_, start_m) in enumerate(starts)
+                for vertex, end_m in ends
+            )
+            if length_m <= limit_m:
+                break
         if not math.isfinite(length_m):
             raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
         inner = _walk_back(previous[row], last)
@@ -205,6 +210,11 @@ class RoadNetwork:
             at[first].append(index)
             at[second].append(index)
         return [np.array(indices, dtype=np.int64) for indices in at]
+
+    @cached_property
+    def _both_ways(self) -> csr_array:
+        """The same with both triangles: scipy would add the other one in each search."""
+        return csr_array(self.matrix.maximum(self.matrix.T))
 
     @cached_property
     def matrix(self) -> csr_array:

@@ -1,0 +1,242 @@
+"""A PoI-graph from a file: what the draft would be with it, and what would change.
+
+A file that this program wrote holds a whole graph, which takes the draft's place. What another program drew holds
+places, lines and links, which are added to the draft by the same edits that people make: nothing is removed.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import cast
+
+import msgspec
+import numpy as np
+
+from navcore import graph_geojson, graph_graphml
+from navcore.errors import InputError
+from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
+from navcore.geometry import FloatArray
+from navcore.planning import edits
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph, PoiKind, Road
+from navcore.planning.road_network import RoadNetwork
+
+MAX_GRAPH_FILE_BYTES = 16 << 20
+MAX_FOREIGN_COUNT = 3000
+"""Places, lines and links of a file of another program: each is an edit of its own."""
+MAX_ROAD_LENGTH_M = 20_000.0
+"""All roads together: they are walked through every 0.1 m to find where they join."""
+END_DISTANCE_M = 0.5
+"""A line that ends so near to a place is meant to end at it."""
+_SAME_PLACE_M = 0.05
+GRAPH_FORMS = {"geojson": graph_geojson.encode, "graphml": graph_graphml.encode}
+"""By the ending of a file's name: graph, id and name of the site → bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class GraphImport:
+    """What an import makes of a draft."""
+
+    graph: PoiGraph
+    """Valid, one version after the draft."""
+    is_whole: bool
+    """The file held a whole graph, which takes the place of the draft's; else the draft has grown."""
+    unused: tuple[str, ...]
+    """A sentence for each thing that cannot be used, beginning with what it is."""
+
+
+class GraphChanges(msgspec.Struct, frozen=True):
+    """What differs between two graphs: names of places, edges and roads."""
+
+    added: tuple[str, ...]
+    changed: tuple[str, ...]
+    removed: tuple[str, ...]
+
+
+def imported(data: bytes, draft: PoiGraph, roads_m: Sequence[FloatArray]) -> GraphImport:
+    """Return what the draft becomes by a GeoJSON or GraphML file, told apart by its contents.
+
+    ``roads_m`` are the roads of the site, polylines (n, 2) or (n, 3): they count where the draft has none of its own.
+
+    Raises InputError, saying what is wrong with the file, or naming the first fault of its graph.
+    """
+    found = read_graph(data)
+    _refuse_too_much(found)
+    version = draft.version + 1
+    if isinstance(found, PoiGraph):
+        graph = msgspec.structs.replace(found, version=version, roads=found.roads or draft.roads)
+        unused: tuple[str, ...] = ()
+    else:
+        graph, unused = _grown(draft, found, roads_m)
+        graph = msgspec.structs.replace(graph, version=version)
+    edits.validate(graph)
+    return GraphImport(graph, isinstance(found, PoiGraph), unused)
+
+
+def read_graph(data: bytes) -> PoiGraph | ForeignMap:
+    """Return what a GeoJSON or GraphML file holds. Raises InputError, saying what is wrong with it."""
+    if len(data) > MAX_GRAPH_FILE_BYTES:
+        raise InputError(f"The file is larger than {MAX_GRAPH_FILE_BYTES >> 20} MiB: import a part of it.")
+    try:
+        text = data.decode("utf-8-sig").lstrip().encode()
+    except UnicodeDecodeError as error:
+        raise InputError(f"The file is no text in UTF-8 (byte {error.start}): save it in UTF-8.") from error
+    if text.startswith(b"{"):
+        return graph_geojson.decode(text)
+    if text.startswith(b"<"):
+        return graph_graphml.decode(text)
+    raise InputError("The file is neither GeoJSON nor GraphML: export the graph in one of the two.")
+
+
+def _refuse_too_much(found: PoiGraph | ForeignMap) -> None:
+    if isinstance(found, PoiGraph):
+        lines = [road.points_m for road in found.roads.values()]
+    else:
+        lines = [line.points_m for line in found.lines]
+        if len(found.places) + len(found.lines) + len(found.links) > MAX_FOREIGN_COUNT:
+            raise InputError(f"The file holds more than {MAX_FOREIGN_COUNT} places and lines: import a part of it.")
+    length_m = sum(math.dist(a, b) for line in lines for a, b in itertools.pairwise(line))
+    if length_m > MAX_ROAD_LENGTH_M:
+        raise InputError(
+            f"The lines of the file are {length_m / 1000:.0f} km long, and {MAX_ROAD_LENGTH_M / 1000:g} km are taken:"
+            " its unit must be metres."
+        )
+
+
+def changes(before: PoiGraph, after: PoiGraph) -> GraphChanges:
+    """Return what differs, in words, in the order of the graphs."""
+    added, changed, removed = [], [], []
+    for old, new in ((before.pois, after.pois), (before.edges, after.edges), (before.roads, after.roads)):
+        old_things, new_things = (
+            cast("Mapping[str, Poi | Edge | Road]", old),
+            cast("Mapping[str, Poi | Edge | Road]", new),
+        )
+        added += [_words(thing, after) for key, thing in new_things.items() if key not in old_things]
+        changed += [_words(thing, after) for key, thing in new_things.items() if old_things.get(key, thing) != thing]
+        removed += [_words(thing, before) for key, thing in old_things.items() if key not in new_things]
+    return GraphChanges(tuple(added), tuple(changed), tuple(removed))
+
+
+def _words(thing: Poi | Edge | Road, graph: PoiGraph) -> str:
+    match thing:
+        case Poi():
+            return f"Place {thing.name}"
+        case Edge():
+            return f"Edge {graph.pois[thing.a].name} – {graph.pois[thing.b].name}"
+        case Road():
+            return f"Road {thing.id}"
+
+
+# ------------------------------------------------------------------------------------------- of other programs
+@dataclass(slots=True)
+class _Growing:
+    """The draft while things are added to it."""
+
+    graph: PoiGraph
+    network: RoadNetwork
+    unused: list[str]
+    ids: dict[str, str]
+    """PoI by its key in the file."""
+    places: list[tuple[Point, str]]
+    """PoI by where the file has it, for snapping has moved it."""
+
+
+def _grown(draft: PoiGraph, found: ForeignMap, roads_m: Sequence[FloatArray]) -> tuple[PoiGraph, tuple[str, ...]]:
+    roads = _with_lines(draft.roads or _as_roads(roads_m), found.lines) if found.lines else draft.roads
+    network = RoadNetwork.from_roads([np.array(road.points_m) for road in roads.values()] or roads_m)
+    known = [((poi.x_m, poi.y_m), poi.id) for poi in draft.pois.values()]
+    growing = _Growing(draft, network, list(found.unused), {}, known)
+    for place in found.places:
+        _add_place(growing, place)
+    for line in found.lines:
+        ends = (_place_near(growing, line.points_m[0]), _place_near(growing, line.points_m[-1]))
+        if ends[0] is not None and ends[1] is not None and ends[0] != ends[1]:
+            _add_edge(growing, line.label, ends[0], ends[1])
+    for link in found.links:
+        _add_link(growing, link)
+    return msgspec.structs.replace(growing.graph, roads=roads), tuple(growing.unused)
+
+
+def _as_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
+    lines = (tuple((float(x), float(y)) for x, y in np.asarray(road)[:, :2]) for road in roads_m)
+    return {f"r{n}": Road(f"r{n}", line) for n, line in enumerate((line for line in lines if len(line) > 1), 1)}
+
+
+def _with_lines(roads: Mapping[str, Road], lines: Sequence[ForeignLine]) -> dict[str, Road]:
+    """Return the roads and the lines: nobody has walked these, as far as is known. A line that is there stays one."""
+    result = dict(roads)
+    there = {road.points_m for road in roads.values()}
+    numbers = (n for n in itertools.count(1) if f"r{n}" not in roads)
+    for line in lines:
+        if line.points_m not in there:
+            there.add(line.points_m)
+            road_id = f"r{next(numbers)}"
+            result[road_id] = Road(road_id, line.points_m, "drawn")
+    return result
+
+
+def _add_place(growing: _Growing, place: ForeignPlace) -> None:
+    x_m, y_m = place.place_m
+    graph, network = growing.graph, growing.network
+    known = [poi for poi in graph.pois.values() if poi.name.casefold() == place.name.casefold()]
+    label = f"Place {shown(place.name)}"
+    if len(known) > 1:
+        growing.unused.append(f"{label}: several places have this name, and it cannot be told which is meant.")
+        return
+    on_road = not network.is_empty and network.nearest(x_m, y_m).distance_m <= edits.MAX_SNAP_DISTANCE_M
+    try:
+        if known:
+            poi_id = known[0].id
+            growing.graph = _moved(graph, network, known[0], place, on_road)
+        else:
+            kind = cast("PoiKind", place.kind or "other")
+            growing.graph = edits.add_poi(
+                graph, network, name=place.name, kind=kind, x_m=x_m, y_m=y_m, on_road=on_road,
+                spoken_name=place.spoken_name, notes=place.notes,
+            )  # fmt: skip
+            poi_id = next(reversed(growing.graph.pois))
+    except InputError as error:
+        growing.unused.append(f"{label}: {error}")
+        return
+    growing.places.append((place.place_m, poi_id))
+    if place.key:
+        growing.ids[place.key] = poi_id
+
+
+def _moved(graph: PoiGraph, network: RoadNetwork, poi: Poi, place: ForeignPlace, on_road: bool) -> PoiGraph:
+    """Return the graph with a place that it knows by name, as the file has it."""
+    target_m = network.nearest(*place.place_m).xy_m if on_road else place.place_m
+    if math.dist(target_m, (poi.x_m, poi.y_m)) > _SAME_PLACE_M:
+        graph = edits.move_poi(graph, network, poi.id, *place.place_m, on_road)
+    return edits.update_poi(
+        graph,
+        poi.id,
+        kind=cast("PoiKind", place.kind) if place.kind else None,
+        spoken_name=place.spoken_name or None,
+        notes=place.notes or None,
+    )
+
+
+def _place_near(growing: _Growing, end_m: Point) -> str | None:
+    near = [(math.dist(place_m, end_m), poi_id) for place_m, poi_id in growing.places]
+    best = min(near, default=None)
+    return best[1] if best is not None and best[0] <= END_DISTANCE_M else None
+
+
+def _add_link(growing: _Growing, link: ForeignLink) -> None:
+    a, b = growing.ids.get(link.a), growing.ids.get(link.b)
+    if a is None or b is None:
+        growing.unused.append(f"{link.label}: it does not join two places of the file that can be used.")
+        return
+    _add_edge(growing, link.label, a, b)
+
+
+def _add_edge(growing: _Growing, label: str, a: str, b: str) -> None:
+    if edits.edge_between(growing.graph, a, b) is not None:
+        return
+    try:
+        growing.graph = edits.add_edge(growing.graph, growing.network, a, b)
+    except InputError as error:
+        growing.unused.append(f"{label}: as an edge, it cannot be used. {error}")

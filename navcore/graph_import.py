@@ -8,28 +8,32 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import cast
 
 import msgspec
-import numpy as np
 
 from navcore import graph_geojson, graph_graphml
 from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
-from navcore.geometry import FloatArray
 from navcore.planning import edits
-from navcore.planning.poi_graph import Edge, Poi, PoiGraph, PoiKind, Road
+from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
+from navcore.planning.road_edits import draw_road, network_of
 from navcore.planning.road_network import RoadNetwork
 
 MAX_GRAPH_FILE_BYTES = 16 << 20
 MAX_FOREIGN_COUNT = 3000
 """Places, lines and links of a file of another program: each is an edit of its own."""
+MAX_FOREIGN_LINE_COUNT = 200
+"""A line is more: for each the places on the road are put back on it."""
 MAX_ROAD_LENGTH_M = 20_000.0
 """All roads together: they are walked through every 0.1 m to find where they join."""
 END_DISTANCE_M = 0.5
 """A line that ends so near to a place is meant to end at it."""
+SAME_ROAD_M = 0.25
+"""A line that is nowhere farther from a road than this is that road."""
+_STEP_M = 0.5
 _SAME_PLACE_M = 0.05
 GRAPH_FORMS = {"geojson": graph_geojson.encode, "graphml": graph_graphml.encode}
 """By the ending of a file's name: graph, id and name of the site → bytes."""
@@ -47,32 +51,22 @@ class GraphImport:
     """A sentence for each thing that cannot be used, beginning with what it is."""
 
 
-class GraphChanges(msgspec.Struct, frozen=True):
-    """What differs between two graphs: names of places, edges and roads."""
+def imported(data: bytes, draft: PoiGraph) -> GraphImport:
+    """Return what the draft, with its roads, becomes by a GeoJSON or GraphML file, told apart by its contents.
 
-    added: tuple[str, ...]
-    changed: tuple[str, ...]
-    removed: tuple[str, ...]
-
-
-def imported(data: bytes, draft: PoiGraph, roads_m: Sequence[FloatArray]) -> GraphImport:
-    """Return what the draft becomes by a GeoJSON or GraphML file, told apart by its contents.
-
-    ``roads_m`` are the roads of the site, polylines (n, 2) or (n, 3): they count where the draft has none of its own.
-
-    Raises InputError, saying what is wrong with the file, or naming the first fault of its graph.
+    A whole graph without roads lies on those of the draft. Raises InputError, saying what is wrong with the file, or
+    naming the first fault of its graph.
     """
     found = read_graph(data)
     _refuse_too_much(found)
-    version = draft.version + 1
     if isinstance(found, PoiGraph):
-        graph = msgspec.structs.replace(found, version=version, roads=found.roads or draft.roads)
+        graph = msgspec.structs.replace(found, roads=found.roads or draft.roads)
         unused: tuple[str, ...] = ()
     else:
-        graph, unused = _grown(draft, found, roads_m)
-        graph = msgspec.structs.replace(graph, version=version)
+        graph, unused = _grown(draft, found)
     edits.validate(graph)
-    return GraphImport(graph, isinstance(found, PoiGraph), unused)
+    numbered = msgspec.structs.replace(graph, version=draft.version + 1)
+    return GraphImport(numbered, isinstance(found, PoiGraph), unused)
 
 
 def read_graph(data: bytes) -> PoiGraph | ForeignMap:
@@ -97,36 +91,14 @@ def _refuse_too_much(found: PoiGraph | ForeignMap) -> None:
         lines = [line.points_m for line in found.lines]
         if len(found.places) + len(found.lines) + len(found.links) > MAX_FOREIGN_COUNT:
             raise InputError(f"The file holds more than {MAX_FOREIGN_COUNT} places and lines: import a part of it.")
+        if len(found.lines) > MAX_FOREIGN_LINE_COUNT:
+            raise InputError(f"The file holds more than {MAX_FOREIGN_LINE_COUNT} lines: import a part of it.")
     length_m = sum(math.dist(a, b) for line in lines for a, b in itertools.pairwise(line))
     if length_m > MAX_ROAD_LENGTH_M:
         raise InputError(
             f"The lines of the file are {length_m / 1000:.0f} km long, and {MAX_ROAD_LENGTH_M / 1000:g} km are taken:"
             " its unit must be metres."
         )
-
-
-def changes(before: PoiGraph, after: PoiGraph) -> GraphChanges:
-    """Return what differs, in words, in the order of the graphs."""
-    added, changed, removed = [], [], []
-    for old, new in ((before.pois, after.pois), (before.edges, after.edges), (before.roads, after.roads)):
-        old_things, new_things = (
-            cast("Mapping[str, Poi | Edge | Road]", old),
-            cast("Mapping[str, Poi | Edge | Road]", new),
-        )
-        added += [_words(thing, after) for key, thing in new_things.items() if key not in old_things]
-        changed += [_words(thing, after) for key, thing in new_things.items() if old_things.get(key, thing) != thing]
-        removed += [_words(thing, before) for key, thing in old_things.items() if key not in new_things]
-    return GraphChanges(tuple(added), tuple(changed), tuple(removed))
-
-
-def _words(thing: Poi | Edge | Road, graph: PoiGraph) -> str:
-    match thing:
-        case Poi():
-            return f"Place {thing.name}"
-        case Edge():
-            return f"Edge {graph.pois[thing.a].name} – {graph.pois[thing.b].name}"
-        case Road():
-            return f"Road {thing.id}"
 
 
 # ------------------------------------------------------------------------------------------- of other programs
@@ -143,11 +115,11 @@ class _Growing:
     """PoI by where the file has it, for snapping has moved it."""
 
 
-def _grown(draft: PoiGraph, found: ForeignMap, roads_m: Sequence[FloatArray]) -> tuple[PoiGraph, tuple[str, ...]]:
-    roads = _with_lines(draft.roads or _as_roads(roads_m), found.lines) if found.lines else draft.roads
-    network = RoadNetwork.from_roads([np.array(road.points_m) for road in roads.values()] or roads_m)
-    known = [((poi.x_m, poi.y_m), poi.id) for poi in draft.pois.values()]
-    growing = _Growing(draft, network, list(found.unused), {}, known)
+def _grown(draft: PoiGraph, found: ForeignMap) -> tuple[PoiGraph, tuple[str, ...]]:
+    growing = _Growing(draft, network_of(draft.roads), list(found.unused), {}, [])
+    for line in found.lines:
+        _add_road(growing, line)
+    growing.places += [((poi.x_m, poi.y_m), poi.id) for poi in growing.graph.pois.values()]
     for place in found.places:
         _add_place(growing, place)
     for line in found.lines:
@@ -156,25 +128,31 @@ def _grown(draft: PoiGraph, found: ForeignMap, roads_m: Sequence[FloatArray]) ->
             _add_edge(growing, line.label, ends[0], ends[1])
     for link in found.links:
         _add_link(growing, link)
-    return msgspec.structs.replace(growing.graph, roads=roads), tuple(growing.unused)
+    return growing.graph, tuple(growing.unused)
 
 
-def _as_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
-    lines = (tuple((float(x), float(y)) for x, y in np.asarray(road)[:, :2]) for road in roads_m)
-    return {f"r{n}": Road(f"r{n}", line) for n, line in enumerate((line for line in lines if len(line) > 1), 1)}
+def _add_road(growing: _Growing, line: ForeignLine) -> None:
+    """Draw a line, unless there is a road all along it."""
+    if not growing.network.is_empty and all(
+        growing.network.nearest(x_m, y_m).distance_m < SAME_ROAD_M for x_m, y_m in _along(line.points_m)
+    ):
+        return
+    try:
+        growing.graph = draw_road(growing.graph, line.points_m)
+    except InputError as error:
+        growing.unused.append(f"{line.label}: {error}")
+        return
+    growing.network = network_of(growing.graph.roads)
 
 
-def _with_lines(roads: Mapping[str, Road], lines: Sequence[ForeignLine]) -> dict[str, Road]:
-    """Return the roads and the lines: nobody has walked these, as far as is known. A line that is there stays one."""
-    result = dict(roads)
-    there = {road.points_m for road in roads.values()}
-    numbers = (n for n in itertools.count(1) if f"r{n}" not in roads)
-    for line in lines:
-        if line.points_m not in there:
-            there.add(line.points_m)
-            road_id = f"r{next(numbers)}"
-            result[road_id] = Road(road_id, line.points_m, "drawn")
-    return result
+def _along(points_m: Sequence[Point]) -> Iterator[Point]:
+    """Return the points of a line, and others between them."""
+    for a, b in itertools.pairwise(points_m):
+        steps = max(1, math.ceil(math.dist(a, b) / _STEP_M))
+        for step in range(steps):
+            share = step / steps
+            yield a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
+    yield points_m[-1]
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

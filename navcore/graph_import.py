@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import cast
 
 import msgspec
+import numpy as np
 
 from navcore import graph_geojson, graph_graphml
 from navcore.errors import InputError
@@ -20,6 +20,7 @@ from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPla
 from navcore.planning import edits
 from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
 from navcore.planning.road_edits import draw_road, network_of
+from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.road_network import RoadNetwork
 
 MAX_GRAPH_FILE_BYTES = 16 << 20
@@ -134,7 +135,8 @@ def _grown(draft: PoiGraph, found: ForeignMap) -> tuple[PoiGraph, tuple[str, ...
 def _add_road(growing: _Growing, line: ForeignLine) -> None:
     """Draw a line, unless there is a road all along it."""
     if not growing.network.is_empty and all(
-        growing.network.nearest(x_m, y_m).distance_m < SAME_ROAD_M for x_m, y_m in _along(line.points_m)
+        growing.network.nearest(x_m, y_m).distance_m < SAME_ROAD_M
+        for x_m, y_m in evenly_spaced(np.array(line.points_m), _STEP_M).tolist()
     ):
         return
     try:
@@ -143,16 +145,6 @@ def _add_road(growing: _Growing, line: ForeignLine) -> None:
         growing.unused.append(f"{line.label}: {error}")
         return
     growing.network = network_of(growing.graph.roads)
-
-
-def _along(points_m: Sequence[Point]) -> Iterator[Point]:
-    """Return the points of a line, and others between them."""
-    for a, b in itertools.pairwise(points_m):
-        steps = max(1, math.ceil(math.dist(a, b) / _STEP_M))
-        for step in range(steps):
-            share = step / steps
-            yield a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1])
-    yield points_m[-1]
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

@@ -15,8 +15,6 @@ from functools import partial
 from pathlib import Path
 from typing import BinaryIO, cast
 
-import numpy as np
-
 from console.errors import ConflictError, NoRoomError, NotFoundError
 from console.model import SiteModel
 from console.recordings import RESERVE_BYTES, plain_name
@@ -111,7 +109,7 @@ class Exports:
     def _forms(self, published: bool) -> Mapping[str, _Form]:
         site = self._model.site
         graph = self._model.published if published else self._model.graph
-        roads_m = [np.array(road.points_m) for road in graph.roads.values()]
+        roads_m = [road.points_m for road in graph.roads.values()]
         cloud = site.cloud_points_m, site.cloud_colours_rgb
         cloud_bytes = len(site.cloud_points_m) * _POINT_BYTES
         version, published_version = graph.version, self._model.published.version

@@ -7,12 +7,13 @@ reads the file sees where one ends. The poses look along the road: x forward, z 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from navcore.cues.announcements import USUAL_SPEED_M_S
-from navcore.geometry import FloatArray, Transform
+from navcore.geometry import Transform
 from navcore.planning.road_joining import SPACING_M, evenly_spaced
 
 PAUSE_S = 10.0
@@ -24,7 +25,7 @@ COMMENT = (
 """What the file says of itself at its top."""
 
 
-def road_poses(roads_m: Sequence[FloatArray]) -> Iterator[tuple[float, Transform]]:
+def road_poses(roads_m: Iterable[ArrayLike]) -> Iterator[tuple[float, Transform]]:
     """Return stamps (s) and poses along roads, polylines (n, 2) or (n, 3), one after the other."""
     stamp_s = 0.0
     for road in roads_m:

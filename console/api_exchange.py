@@ -101,6 +101,7 @@ def _import_graph(services: Services, who: str, data: bytes, name: str, confirm:
         "draft_version": model.graph.version,
         "changes": described(changes, draft, found.graph),
         "unused": found.unused,
+        "notes": found.notes,
     }
 
 

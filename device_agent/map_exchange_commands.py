@@ -201,8 +201,8 @@ def _import_graph(arguments: argparse.Namespace) -> int:
         save_poi_graph(graph, arguments.site)
     except OSError as error:
         raise InputError(f"{arguments.graph} cannot be imported ({error.strerror}): see to the file.") from error
-    for sentence in found.unused:
-        sys.stderr.write(f"vbr: Not used: {sentence}\n")
+    for sentence in (*found.notes, *(f"Not used: {each}" for each in found.unused)):
+        sys.stderr.write(f"vbr: {sentence}\n")
     sys.stdout.write(
         f"{arguments.site} has version {graph.version} of its PoI-graph: {len(graph.pois)} places,"
         f" {len(graph.edges)} connections.\n"

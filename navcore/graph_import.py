@@ -19,23 +19,24 @@ from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
 from navcore.planning import edits
 from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
-from navcore.planning.road_edits import draw_road, network_of
+from navcore.planning.road_edits import checked_line, draw_roads, network_of, without_road
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.road_network import RoadNetwork
 
 MAX_GRAPH_FILE_BYTES = 16 << 20
+MAX_POINT_COUNT = 400_000
+"""Forty kilometres of road with a point every 0.1 m; looked at before anything is read, for each takes memory."""
 MAX_FOREIGN_COUNT = 3000
 """Places, lines and links of a file of another program: each is an edit of its own."""
-MAX_FOREIGN_LINE_COUNT = 200
-"""A line is more: for each the places on the road are put back on it."""
-MAX_ROAD_LENGTH_M = 20_000.0
-"""All roads together: they are walked through every 0.1 m to find where they join."""
+MAX_FOREIGN_LENGTH_M, MAX_ROAD_LENGTH_M = 10_000.0, 40_000.0
+"""All lines of a file of another program, all roads of our own: they are walked through to find where they join."""
 END_DISTANCE_M = 0.5
 """A line that ends so near to a place is meant to end at it."""
 SAME_ROAD_M = 0.25
 """A line that is nowhere farther from a road than this is that road."""
 _STEP_M = 0.5
 _SAME_PLACE_M = 0.05
+_FRAME_NOTE = "The file does not say where it lies: its coordinates are taken as metres of this map."
 GRAPH_FORMS = {"geojson": graph_geojson.encode, "graphml": graph_graphml.encode}
 """By the ending of a file's name: graph, id and name of the site → bytes."""
 
@@ -50,6 +51,8 @@ class GraphImport:
     """The file held a whole graph, which takes the place of the draft's; else the draft has grown."""
     unused: tuple[str, ...]
     """A sentence for each thing that cannot be used, beginning with what it is."""
+    notes: tuple[str, ...] = ()
+    """What somebody should look at before they take it."""
 
 
 def imported(data: bytes, draft: PoiGraph) -> GraphImport:
@@ -63,11 +66,20 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
     if isinstance(found, PoiGraph):
         graph = msgspec.structs.replace(found, roads=found.roads or draft.roads)
         unused: tuple[str, ...] = ()
+        notes = _notes(graph)
     else:
         graph, unused = _grown(draft, found)
+        notes = (_FRAME_NOTE,)
     edits.validate(graph)
     numbered = msgspec.structs.replace(graph, version=draft.version + 1)
-    return GraphImport(numbered, isinstance(found, PoiGraph), unused)
+    return GraphImport(numbered, isinstance(found, PoiGraph), unused, notes)
+
+
+def _notes(graph: PoiGraph) -> tuple[str, ...]:
+    off_road = without_road(graph, network_of(graph.roads), graph.pois, ())
+    if off_road is None:
+        return ()
+    return (f"{off_road} stands on no road here, and others may: see whether the file is of this site.",)
 
 
 def read_graph(data: bytes) -> PoiGraph | ForeignMap:
@@ -78,6 +90,8 @@ def read_graph(data: bytes) -> PoiGraph | ForeignMap:
         text = data.decode("utf-8-sig").lstrip().encode()
     except UnicodeDecodeError as error:
         raise InputError(f"The file is no text in UTF-8 (byte {error.start}): save it in UTF-8.") from error
+    if text.count(b"[") > MAX_POINT_COUNT:
+        raise InputError(f"The file holds more than {MAX_POINT_COUNT} points: import a part of it, or thin its lines.")
     if text.startswith(b"{"):
         return graph_geojson.decode(text)
     if text.startswith(b"<"):
@@ -87,18 +101,16 @@ def read_graph(data: bytes) -> PoiGraph | ForeignMap:
 
 def _refuse_too_much(found: PoiGraph | ForeignMap) -> None:
     if isinstance(found, PoiGraph):
-        lines = [road.points_m for road in found.roads.values()]
+        lines, longest_m = [road.points_m for road in found.roads.values()], MAX_ROAD_LENGTH_M
     else:
-        lines = [line.points_m for line in found.lines]
+        lines, longest_m = [line.points_m for line in found.lines], MAX_FOREIGN_LENGTH_M
         if len(found.places) + len(found.lines) + len(found.links) > MAX_FOREIGN_COUNT:
             raise InputError(f"The file holds more than {MAX_FOREIGN_COUNT} places and lines: import a part of it.")
-        if len(found.lines) > MAX_FOREIGN_LINE_COUNT:
-            raise InputError(f"The file holds more than {MAX_FOREIGN_LINE_COUNT} lines: import a part of it.")
     length_m = sum(math.dist(a, b) for line in lines for a, b in itertools.pairwise(line))
-    if length_m > MAX_ROAD_LENGTH_M:
+    if length_m > longest_m:
         raise InputError(
-            f"The lines of the file are {length_m / 1000:.0f} km long, and {MAX_ROAD_LENGTH_M / 1000:g} km are taken:"
-            " its unit must be metres."
+            f"The lines of the file are {length_m / 1000:.0f} km long, and {longest_m / 1000:g} km are taken: import a"
+            " part of it, and see that its unit is metres."
         )
 
 
@@ -117,9 +129,11 @@ class _Growing:
 
 
 def _grown(draft: PoiGraph, found: ForeignMap) -> tuple[PoiGraph, tuple[str, ...]]:
-    growing = _Growing(draft, network_of(draft.roads), list(found.unused), {}, [])
-    for line in found.lines:
-        _add_road(growing, line)
+    draft_network, unused = network_of(draft.roads), list(found.unused)
+    lines = [line.points_m for line in found.lines if _is_new_road(draft_network, line, unused)]
+    graph = draw_roads(draft, lines) if lines else draft
+    network = network_of(graph.roads) if lines else draft_network
+    growing = _Growing(graph, network, unused, {}, [])
     growing.places += [((poi.x_m, poi.y_m), poi.id) for poi in growing.graph.pois.values()]
     for place in found.places:
         _add_place(growing, place)
@@ -132,19 +146,15 @@ def _grown(draft: PoiGraph, found: ForeignMap) -> tuple[PoiGraph, tuple[str, ...
     return growing.graph, tuple(growing.unused)
 
 
-def _add_road(growing: _Growing, line: ForeignLine) -> None:
-    """Draw a line, unless there is a road all along it."""
-    if not growing.network.is_empty and all(
-        growing.network.nearest(x_m, y_m).distance_m < SAME_ROAD_M
-        for x_m, y_m in evenly_spaced(np.array(line.points_m), _STEP_M).tolist()
-    ):
-        return
+def _is_new_road(network: RoadNetwork, line: ForeignLine, unused: list[str]) -> bool:
+    """Whether a line can be drawn, and there is no road all along it yet."""
     try:
-        growing.graph = draw_road(growing.graph, line.points_m)
+        points = checked_line(line.points_m)
     except InputError as error:
-        growing.unused.append(f"{line.label}: {error}")
-        return
-    growing.network = network_of(growing.graph.roads)
+        unused.append(f"{line.label}: {error}")
+        return False
+    even = evenly_spaced(np.array(points), _STEP_M).tolist()
+    return network.is_empty or any(network.nearest(x_m, y_m).distance_m > SAME_ROAD_M for x_m, y_m in even)
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

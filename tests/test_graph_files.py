@@ -21,6 +21,7 @@ from navcore.graph_import import (
     GRAPH_FORMS,
     MAX_FOREIGN_COUNT,
     MAX_GRAPH_FILE_BYTES,
+    MAX_POINT_COUNT,
     imported,
     read_graph,
 )
@@ -131,6 +132,13 @@ def test_points_with_a_name_become_places_and_lines_roads_and_edges() -> None:
     assert found.graph.pois["hall"] == DRAFT.pois["hall"]
 
 
+def test_whoever_brings_a_file_is_told_what_to_look_at() -> None:
+    assert "metres of this map" in imported(geojson(point("Lift", 10.0, 0.0)), DRAFT).notes[0]
+    assert imported(file_of("geojson"), DRAFT).notes == ()
+    elsewhere = own(lambda raw: raw["features"][3]["geometry"].update(coordinates=[[50.0, 0.0], [60.0, 0.0]]))
+    assert imported(elsewhere, DRAFT).notes[0].startswith("Hall stands on no road here")
+
+
 def test_the_same_file_again_changes_nothing() -> None:
     data = geojson(point("Lift", 10.0, 0.0), line("Way", (10.0, 0.0), (10.0, 8.0)))
     first = imported(data, DRAFT).graph
@@ -148,11 +156,12 @@ def test_what_cannot_be_used_is_listed_by_name() -> None:
             {"type": "Feature", "geometry": None, "properties": {"title": "Idea"}},
             {"type": "Feature", "id": 9, "geometry": {"type": "Point", "coordinates": ["a", 1]}, "properties": None},
             line("Dot", (1.0, 1.0)),
+            line("Step", (1.0, 1.0), (1.1, 1.0)),
         ),
         DRAFT,
     )
     told = "\n".join(found.unused)
-    for name in ("Room 3", "Feature 2:", "Moon", "Idea", "Feature 6 (9)", "Dot"):
+    for name in ("Room 3", "Feature 2:", "Moon", "Idea", "Feature 6 (9)", "Dot", "Step"):
         assert name in told
     # Far from any road it is a place, but no destination.
     assert not found.graph.pois["cellar"].on_road
@@ -281,9 +290,10 @@ def test_a_million_features_are_refused_before_they_are_read() -> None:
     assert f"more than {MAX_FEATURE_COUNT} features" in refusal(many)
     assert "more than" in refusal(b'{"type":"FeatureCollection","features":[' + b"{}," * 30_000 + b"{}]}")
     assert "MiB" in refusal(b"{" + b" " * MAX_GRAPH_FILE_BYTES)
+    assert "points" in refusal(b'{"type":"FeatureCollection","features":[{"x":[' + b"[]," * MAX_POINT_COUNT + b"[]]}]}")
     crowd = geojson(*(point(f"P{n}", 0.0, 0.0) for n in range(MAX_FOREIGN_COUNT + 1)))
     assert f"more than {MAX_FOREIGN_COUNT} places" in refusal(crowd)
-    assert "must be metres" in refusal(geojson(line("Around the world", (0.0, 0.0), (90_000.0, 0.0))))
+    assert "see that its unit is metres" in refusal(geojson(line("Around the world", (0.0, 0.0), (90_000.0, 0.0))))
 
 
 def test_a_newer_schema_says_so() -> None:

@@ -15,6 +15,7 @@ import httpx
 import numpy as np
 import pytest
 from console_room import Person, first_admin, invited, serving
+from link_processes import ConsoleProcess
 
 from console.exports import Exports
 from console.server import ConsoleServer
@@ -316,3 +317,37 @@ def test_what_a_killed_console_had_begun_is_cleared_away(tmp_path: Path) -> None
     (tmp_path / "maps" / "built-1").mkdir()
     SiteImports(tmp_path / "maps")
     assert [path.name for path in (tmp_path / "maps").iterdir()] == ["built-1"]
+
+
+def test_a_console_that_is_killed_keeps_what_it_confirmed_and_clears_away_the_rest(
+    tmp_path: Path, small_site: Site
+) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        archive = export(first_admin(server), "site.zip")
+    process = ConsoleProcess(tmp_path / "site", tmp_path)
+    try:
+        person = Person(f"http://127.0.0.1:{process.port}")
+        person.sign_in("Ada").raise_for_status()
+        data = json.dumps(FOREIGN).encode()
+        token = import_graph(person, data).json()["token"]
+        import_graph(person, data, confirm=token).raise_for_status()
+        kept = Path(import_site(person, archive).raise_for_status().json()["site"])
+
+        def until_killed() -> Iterator[bytes]:
+            yield archive[:1000]
+            while not list(kept.parent.glob(".importing-*/archive.zip")):
+                yield b" "
+            process.kill()
+            yield archive[1000:]
+
+        with pytest.raises(httpx.HTTPError):
+            import_site(person, until_killed())
+        assert len(list(kept.parent.iterdir())) == 2
+        process.start()
+        person.sign_in("Ada").raise_for_status()
+        assert [poi["name"] for poi in person.graph()["pois"]] == ["Hall", "Bar", "Lift"]
+        assert list(kept.parent.iterdir()) == [kept]
+        assert load_site(kept).name == small_site.name
+    finally:
+        process.kill()

@@ -17,6 +17,7 @@ import pytest
 from console_room import Person, first_admin, invited, serving
 from link_processes import ConsoleProcess
 
+from console.errors import ConflictError
 from console.exports import Exports
 from console.server import ConsoleServer
 from console.site_imports import SiteImports
@@ -169,6 +170,16 @@ def test_what_was_changed_since_the_preview_is_not_lost(editor: Person, admin: P
     assert import_graph(editor, data + b" ", confirm=import_graph(editor, data).json()["token"]).status_code == 409
     assert import_graph(editor, data, confirm="nonsense").status_code == 400
     assert editor.graph()["pois"] == there
+
+
+def test_what_somebody_changes_while_a_file_is_read_is_not_lost(server: ConsoleServer, editor: Person) -> None:
+    model = server.services.model
+    seen = model.graph
+    editor.edit("add_poi", name="Exit", kind="exit", x_m=5.0, y_m=0.0).raise_for_status()
+    there = model.graph
+    with pytest.raises(ConflictError):
+        model.replace(seen, "Bob", base_version=seen.version)
+    assert model.graph is there
 
 
 def test_an_imported_graph_outlives_the_console(tmp_path: Path, small_site: Site) -> None:

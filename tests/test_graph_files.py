@@ -290,6 +290,9 @@ def test_a_million_features_are_refused_before_they_are_read() -> None:
     assert f"more than {MAX_FEATURE_COUNT} features" in refusal(many)
     assert "more than" in refusal(b'{"type":"FeatureCollection","features":[' + b"{}," * 30_000 + b"{}]}")
     assert "MiB" in refusal(b"{" + b" " * MAX_GRAPH_FILE_BYTES)
+    # One feature may hold as many.
+    inside = b'{"type":"FeatureCollection","features":[{"properties":{"x":[' + b"{}," * 200_000 + b"{}]}}]}"
+    assert f"more than {MAX_FEATURE_COUNT} features" in refusal(inside)
     assert "points" in refusal(b'{"type":"FeatureCollection","features":[{"x":[' + b"[]," * MAX_POINT_COUNT + b"[]]}]}")
     crowd = geojson(*(point(f"P{n}", 0.0, 0.0) for n in range(MAX_FOREIGN_COUNT + 1)))
     assert f"more than {MAX_FOREIGN_COUNT} places" in refusal(crowd)

@@ -226,7 +226,7 @@ def test_a_name_that_stands_twice_is_refused(good: bytes, settled: Path) -> None
 
 
 def test_encrypted_files_are_refused(good: bytes, settled: Path) -> None:
-    assert "is encrypted" in refused(in_every_entry(good, 8, 6, "<H", 1), settled)
+    assert "export the site without a password" in refused(in_every_entry(good, 8, 6, "<H", 1), settled)
 
 
 def test_other_ways_of_packing_are_refused(good: bytes, settled: Path) -> None:

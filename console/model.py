@@ -159,12 +159,15 @@ class SiteModel:
             delta = difference(self._graph, evaluate(edit, self._graph, self.network))
             return self._make("edit", who, delta, edit=edit)
 
-    def replace(self, graph: PoiGraph, who: str, why: str = "") -> PoiGraph:
+    def replace(self, graph: PoiGraph, who: str, why: str = "", base_version: int | None = None) -> PoiGraph:
         """Put another graph in the draft's place, as one change that one undo takes back; return the new draft.
 
-        A graph without roads lies on those that are there. Raises InputError where the graph breaks a law.
+        A graph without roads lies on those that are there. Raises InputError where the graph breaks a law, and
+        ConflictError where the draft is not the version ``base_version`` any more: that change would be lost.
         """
         with self._lock:
+            if base_version not in (None, self._graph.version):
+                raise ConflictError("The draft was changed meanwhile: look again at what would change.")
             whole = graph if graph.roads else msgspec.structs.replace(graph, roads=self._graph.roads)
             validate(whole)
             return self._make("import", who, difference(self._graph, whole), why=why)

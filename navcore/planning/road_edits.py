@@ -86,13 +86,20 @@ def draw_road(graph: PoiGraph, points_m: Sequence[Point]) -> PoiGraph:
 
     Raises InputError for a line that is too short, or is no line.
     """
-    line = _checked_line(points_m)
-    if graph.roads:
-        network = network_of(graph.roads)
-        line = (_met(network, line[0]), *line[1:-1], _met(network, line[-1]))
-    line = _checked_line(line)
-    road_id = _free_road_id(graph.roads)
-    return _with_roads(graph, {**graph.roads, road_id: Road(road_id, line, "drawn")})
+    return draw_roads(graph, [points_m])
+
+
+def draw_roads(graph: PoiGraph, lines_m: Sequence[Sequence[Point]]) -> PoiGraph:
+    """Draw several lines as one edit: what is on the road is put back on it once. Raises InputError."""
+    network = network_of(graph.roads)
+    roads = dict(graph.roads)
+    for points_m in lines_m:
+        line = checked_line(points_m)
+        if not network.is_empty:
+            line = checked_line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
+        road_id = _free_road_id(roads)
+        roads[road_id] = Road(road_id, line, "drawn")
+    return _with_roads(graph, roads)
 
 
 def trim_road(graph: PoiGraph, road_id: str, start_m: Point, end_m: Point) -> PoiGraph:
@@ -211,10 +218,11 @@ def _free_road_id(roads: Mapping[str, Road]) -> str:
 
 
 def _as_road(road_id: str, path_m: FloatArray, origin: RoadOrigin) -> Road:
-    return Road(road_id, _checked_line([(float(x), float(y)) for x, y in path_m]), origin)
+    return Road(road_id, checked_line([(float(x), float(y)) for x, y in path_m]), origin)
 
 
-def _checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
+def checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
+    """Return points as a road has them. Raises InputError where they are too many, too few, or nowhere."""
     if len(points_m) > MAX_POINTS_COUNT:
         raise InputError(f"A road may have {MAX_POINTS_COUNT} points, not {len(points_m)}: draw it in pieces.")
     if not all(math.isfinite(part) and abs(part) <= 100_000.0 for point in points_m for part in point):

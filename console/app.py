@@ -20,6 +20,7 @@ from console import (
     api_exchange,
     api_graph,
     api_recordings,
+    api_rehearsal,
     api_versions,
     device_link,
     live_socket,
@@ -31,6 +32,17 @@ from console.services import Services
 from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
+_ROUTES = (
+    api_accounts,
+    api_devices,
+    api_exchange,
+    api_graph,
+    api_recordings,
+    api_rehearsal,
+    api_versions,
+    device_link,
+    live_socket,
+)
 
 
 def app_of(services: Services) -> FastAPI:
@@ -54,9 +66,7 @@ def app_of(services: Services) -> FastAPI:
     app.add_exception_handler(VbrError, _refused)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(HTTPException, _http_error)
-    for module in (
-        api_accounts, api_graph, api_versions, api_exchange, api_devices, api_recordings, live_socket, device_link,
-    ):  # fmt: skip
+    for module in _ROUTES:
         module.add_routes(app, services)
     pages.add_routes(app)
     return app

@@ -75,6 +75,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/export/{what}"): MAPPERS,
     ("POST", "/api/import/graph"): Rule("people", EDITING, MAX_GRAPH_FILE_BYTES),
     ("POST", "/api/import/site"): Rule("people", MAPPING, MAX_ARCHIVE_BYTES),
+    ("POST", "/api/rehearsals"): EVERYBODY,
+    ("GET", "/api/rehearsals/sounds/{key}"): EVERYBODY,
     # The 3D scene.
     ("GET", "/viewer/scene/"): EVERYBODY,
     ("WS", "/viewer/scene"): EVERYBODY,

@@ -15,6 +15,7 @@ from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
 from console.presence import Presence
 from console.recordings import Recordings
+from console.rehearsals import Rehearsals, Sounds
 from console.site_imports import SiteImports
 from console.sockets import SessionSockets
 from console.store import Store
@@ -49,6 +50,10 @@ class Services:
     """Sites that come in as archives."""
     exports: Exports
     """Files to download."""
+    rehearsals: Rehearsals
+    """Ways walked by nobody, to hear what would be said."""
+    sounds: Sounds
+    """How that sounds."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -74,9 +79,22 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(devices, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
-    site_imports = SiteImports(builds.folder)
-    exports = Exports(model, config.site_folder, config.data_folder)
     return Services(
-        config, store, accounts, devices, model, hub, Presence(hub.now_s), views, sockets, package, tuning, recordings,
-        builds, site_imports, exports,
-    )  # fmt: skip
+        config=config,
+        store=store,
+        accounts=accounts,
+        devices=devices,
+        model=model,
+        hub=hub,
+        presence=Presence(hub.now_s),
+        views=views,
+        sockets=sockets,
+        package=package,
+        tuning=tuning,
+        recordings=recordings,
+        builds=builds,
+        site_imports=SiteImports(builds.folder),
+        exports=Exports(model, config.site_folder, config.data_folder),
+        rehearsals=Rehearsals(hub.now_s),
+        sounds=Sounds(),
+    )

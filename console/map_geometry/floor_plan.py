@@ -118,7 +118,8 @@ def floor_plan(
         _line(image, frame, wall, palette.wall, 4)
     for road in roads_m:
         _line(image, frame, road, palette.road, 2)
-    _draw_places(image, frame, places, palette)
+    lines = (image == palette.road).all(axis=2) | (image == palette.wall).all(axis=2)
+    _draw_places(image, frame, places, lines, palette)
     _draw_scale(image, frame, palette)
     encoded, png = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
     assert encoded
@@ -178,14 +179,16 @@ def _line(image: Image, frame: _Frame, points_m: FloatArray, colour: Rgb, width_
     cv2.polylines(image, [at], False, colour, width_px, cv2.LINE_AA, _BITS)
 
 
-def _draw_places(image: Image, frame: _Frame, places: Sequence[PlanPlace], palette: Palette) -> None:
+def _draw_places(
+    image: Image, frame: _Frame, places: Sequence[PlanPlace], drawn: NDArray[np.bool_], palette: Palette
+) -> None:
     spots = [frame.pixels(np.array([place.x_m, place.y_m])) for place in places]
     sizes = [_text_size(place.name) for place in places]
     labels = [
         Label(float(x), float(y), width + 2 * _PADDING_PX, height + 2 * _PADDING_PX)
         for (x, y), (width, height) in zip(spots, sizes, strict=True)
     ]
-    boxes = label_boxes(labels, frame.width_px, frame.height_px - _FOOT_PX)
+    boxes = label_boxes(labels, drawn[:-_FOOT_PX])
     for label, box in zip(labels, boxes, strict=True):
         at = (round(label.x_px), round(label.y_px))
         if box is not None:

@@ -5,9 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
 
 _DISTANCES_PX = (9.0, 22.0, 40.0, 64.0, 96.0)
 _ANGLES_RAD = tuple(math.radians(angle) for angle in (0, 180, 90, 270, 45, 315, 135, 225))
+_COST_PER_PX = 4.0
+"""Standing a pixel farther from its place costs a label as much as covering so many drawn pixels."""
 _GAP_PX = 3.0
 _DOT_PX = 6.0
 
@@ -25,30 +32,41 @@ class Label:
     height_px: float
 
 
-def label_boxes(labels: Sequence[Label], width_px: float, height_px: float) -> tuple[Box | None, ...]:
+def label_boxes(labels: Sequence[Label], drawn: NDArray[np.bool_]) -> tuple[Box | None, ...]:
     """Return a box for each label, inside the picture, that covers no other box and no place; None where none is free.
 
-    The first ones are the most important: they choose first.
+    ``drawn`` (height, width) is what a label should rather not cover, if it can stand a little farther off. The first
+    labels are the most important: they choose first.
     """
+    height_px, width_px = drawn.shape
+    covered = cv2.integral(drawn.astype(np.uint8))
     taken = [_around(label.x_px, label.y_px, _DOT_PX, _DOT_PX) for label in labels]
     placed: list[Box | None] = []
     for label in labels:
-        free = next((box for box in _candidates(label) if _is_free(box, taken, width_px, height_px)), None)
+        boxes = [each for each in _candidates(label) if _is_free(each[1], taken, width_px, height_px)]
+        costs = [_COST_PER_PX * distance_px + _sum_in(covered, box) for distance_px, box in boxes]
+        free = boxes[int(np.argmin(costs))][1] if boxes else None
         placed.append(free)
         if free is not None:
             taken.append(free)
     return tuple(placed)
 
 
-def _candidates(label: Label) -> list[Box]:
-    """Return the boxes around a place, nearest first: beside it, above and below it, and across."""
+def _sum_in(integral: NDArray[Any], box: Box) -> int:
+    left, top, right, bottom = (int(side) for side in box)
+    total = integral[bottom, right] - integral[top, right] - integral[bottom, left] + integral[top, left]
+    return int(total)
+
+
+def _candidates(label: Label) -> list[tuple[float, Box]]:
+    """Return distance and box around a place, nearest first: beside it, above and below it, and across."""
     half_width, half_height = label.width_px / 2, label.height_px / 2
     boxes = []
     for distance_px in _DISTANCES_PX:
         for angle in _ANGLES_RAD:
             x_px = label.x_px + math.cos(angle) * (distance_px + half_width)
             y_px = label.y_px - math.sin(angle) * (distance_px + half_height)
-            boxes.append(_around(x_px, y_px, half_width, half_height))
+            boxes.append((distance_px, _around(x_px, y_px, half_width, half_height)))
     return boxes
 
 

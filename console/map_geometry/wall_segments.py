@@ -18,12 +18,13 @@ MIN_LENGTH_M = 0.5
 MIN_GAP_M = 0.5
 """A gap that a person fits through ends a piece of wall."""
 MAX_LEAN_RAD = math.radians(8.0)
-_LOW_M, _HIGH_M = 0.3, 2.3
+_LOW_M, _HIGH_M = 0.3, 1.95
+"""Above furniture's feet, and below the lintels of doors."""
 _NEAR_M = 0.08
 _VOXEL_M = 0.05
 _BIN_M = 0.1
 _MIN_VOXELS = 4
-"""Of a bin along the wall, 2 m high: a lintel alone, or furniture that reaches it, does not close a gap."""
+"""Of a bin along the wall, for stray points do not close a gap."""
 _MIN_POINTS = 60
 
 

@@ -1,6 +1,6 @@
 """Fewer points of a cloud, and cleaner ones: evenly thinned, and without those that lie by themselves.
 
-Every function returns which points stay, ascending, so that colours and whatever else belongs to each point can follow::
+Every function returns which points stay, ascending, so that colours and what else belongs to each point can follow::
 
     kept = shown_points(points_m, 1_000_000)
     points_m, colours_rgb, weights = points_m[kept], colours_rgb[kept], weights[kept]
@@ -75,7 +75,7 @@ def evenly_thinned(points_m: NDArray[Any], max_count: int) -> IndexArray:
 def without_outliers(
     points_m: NDArray[Any], neighbours_count: int = NEIGHBOURS_COUNT, deviations: float = OUTLIER_DEVIATIONS
 ) -> IndexArray:
-    """Return the points (n, 3) that are not much farther from their neighbours than points of this cloud usually are."""
+    """Return the points (n, 3) that are not much farther from their neighbours than this cloud's usually are."""
     finite = finite_points(points_m)
     if len(finite) <= neighbours_count:
         return finite
@@ -92,7 +92,7 @@ def _from_corner(points_m: NDArray[Any]) -> NDArray[np.float32]:
 
 def _voxel_keys(offsets_m: NDArray[np.float32], voxel_m: float) -> IndexArray:
     # Beyond 2 million voxels along an axis, far points share the last one: nothing overflows.
-    cells = np.minimum(offsets_m * np.float32(1.0 / voxel_m), np.float32((1 << _BITS) - 1)).astype(np.int64)
+    cells: IndexArray = np.minimum(offsets_m * np.float32(1.0 / voxel_m), np.float32((1 << _BITS) - 1)).astype(np.int64)
     return (cells[:, 0] << (2 * _BITS)) | (cells[:, 1] << _BITS) | cells[:, 2]
 
 

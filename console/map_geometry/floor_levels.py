@@ -59,16 +59,15 @@ class FloorLevel:
 
 
 def floor_levels(points_m: NDArray[Any], walked_m: Sequence[FloatArray]) -> tuple[FloorLevel, ...]:
-    """Return the floor of a cloud (n, 3): its largest plane, and the others that a walked line (k, 2) runs over; none perhaps.
+    """Return the floor of a cloud (n, 3): its largest plane, and those that a walked line (k, 2) runs over.
 
-    The same cloud gives the same planes; the largest comes first.
+    The same cloud gives the same planes, none perhaps; the largest comes first.
     """
     planes = sorted(_level_planes(_lying_points(points_m)), key=lambda plane: -plane.area_m2)
     near_zero = [plane for plane in planes if abs(float(np.median(plane.points_m[:, 2]))) < _MAIN_WITHIN_M]
     main = near_zero[:1]
     walked = [plane for plane in planes if plane not in main and _runs_over(plane, walked_m)]
     return tuple(main + walked)
-
 
 
 def _lying_points(points_m: NDArray[Any]) -> FloatArray:
@@ -80,7 +79,8 @@ def _lying_points(points_m: NDArray[Any]) -> FloatArray:
     cloud = point_cloud(candidates)
     search = import_open3d().geometry.KDTreeSearchParamHybrid(_NORMAL_RADIUS_M, _NORMAL_NEIGHBOURS)
     cloud.estimate_normals(search)
-    return candidates[np.abs(np.asarray(cloud.normals)[:, 2]) > _UPRIGHT_COS]
+    lying: FloatArray = candidates[np.abs(np.asarray(cloud.normals)[:, 2]) > _UPRIGHT_COS]
+    return lying
 
 
 def _level_planes(lying_m: FloatArray) -> list[FloorLevel]:

@@ -1,7 +1,7 @@
 """The floor from above as a picture: what is floor, what stands on it, walls, the road, places with their names.
 
-The picture's edges run along x and y, y upwards; how it lies in the map is told by :attr:`FloorPlan.world_file`, the six
-lines that geographic programs read beside a picture.
+The picture's edges run along x and y, y upwards; how it lies in the map is told by
+:attr:`FloorPlan.world_file`, the six lines that geographic programs read beside a picture.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class FloorPlan:
 
     @property
     def world_file(self) -> str:
-        """What lies beside the picture as ``floor-plan.pgw``: size and turn of a pixel, middle of the upper left one."""
+        """What lies beside the picture as ``floor-plan.pgw``: a pixel's size and turn, the upper left one's middle."""
         half_m = self.metres_per_pixel / 2
         values = (self.metres_per_pixel, 0.0, 0.0, -self.metres_per_pixel, self.x_min_m + half_m, self.y_max_m - half_m)
         return "".join(f"{value:.6f}\n" for value in values)

@@ -56,7 +56,7 @@ class Occupancy:
 
     @cached_property
     def distance_m(self) -> NDArray[np.float32]:
-        """(rows, columns): distance from the middle of a cell to the nearest occupied one's; inf where there is none."""
+        """(rows, columns): distance between the middles of a cell and the nearest occupied one; inf without one."""
         if not self.is_occupied.any():
             return np.full(self.is_occupied.shape, np.inf, np.float32)
         free = (~self.is_occupied).astype(np.uint8)
@@ -75,9 +75,9 @@ class Occupancy:
 def occupancy_of(points_m: NDArray[Any], walked_m: Sequence[FloatArray]) -> Occupancy:
     """Return what stands and what is floor in a cloud (n, 3), levelled, metres.
 
-    ``walked_m`` are lines (k, 2) that somebody has walked, not such as were drawn: they tell which planes are floor, and
-    there is floor below them although a camera that looks ahead may never have seen it. Nothing else is known where no
-    floor has been seen.
+    ``walked_m`` are lines (k, 2) that somebody has walked, not such as were drawn: they tell which planes are floor,
+    and there is floor below them although a camera that looks ahead may never have seen it. Nothing else is
+    known where no floor has been seen.
     """
     points = np.asarray(points_m[one_per_voxel(points_m, CELL_M)], np.float64)
     levels = floor_levels(points, walked_m)

@@ -47,8 +47,8 @@ def _planar_patches(points_m: FloatArray) -> list[Any]:
     cloud.estimate_normals(geometry.KDTreeSearchParamHybrid(0.25, 30))
     return list(
         cloud.detect_planar_patches(
-            normal_variance_threshold_deg=60, coplanarity_deg=75, outlier_ratio=0.75, min_plane_edge_length=MIN_LENGTH_M,
-            min_num_points=_MIN_POINTS, search_param=geometry.KDTreeSearchParamKNN(30),
+            normal_variance_threshold_deg=60, coplanarity_deg=75, outlier_ratio=0.75,
+            min_plane_edge_length=MIN_LENGTH_M, min_num_points=_MIN_POINTS, search_param=geometry.KDTreeSearchParamKNN(30),
         )
     )  # fmt: skip
 

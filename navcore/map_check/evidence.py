@@ -87,7 +87,7 @@ class MapEvidence:
     def road_ids_at(self, x_m: float, y_m: float) -> tuple[str, ...]:
         """Return which of the graph's roads lie at a place, in order of their identifiers."""
         here = np.array([[x_m, y_m]])
-        near = [key for key, tree in self._trees_of_roads.items() if float(tree.query(here)[0][0]) < ON_ROAD_M]
+        near = [key for key, tree in self._trees_of_roads.items() if float(np.min(tree.query(here)[0])) < ON_ROAD_M]
         return tuple(sorted(near))
 
     @cached_property

@@ -15,7 +15,8 @@ from navcore.planning.poi_graph import Poi
 MAX_DIGITS = 4
 """Longer numbers are read as thousands and millions by speech synthesizers."""
 _SPOKEN_SIGNS = frozenset(" '’-.,&")
-_MAX_ABBREVIATION = 5
+_MAX_ABBREVIATION, _MAX_SPELLED = 5, 3
+"""Capitals longer than this are written so to be seen, and are read as a word: EXIT."""
 
 
 def duplicate_names(evidence: MapEvidence) -> Iterator[Finding]:
@@ -93,4 +94,5 @@ def _is_abbreviation(word: str) -> bool:
     letters = word.rstrip(".")
     if not (1 < len(letters) <= _MAX_ABBREVIATION and letters.isascii() and letters.isalpha()):
         return False
-    return letters.isupper() or word.endswith(".") or not re.search(r"[aeiouy]", letters.casefold())
+    is_spelled = letters.isupper() and len(letters) <= _MAX_SPELLED
+    return is_spelled or word.endswith(".") or not re.search(r"[aeiouy]", letters.casefold())

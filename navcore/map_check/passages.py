@@ -69,7 +69,9 @@ def places_without_clearance(evidence: MapEvidence) -> Iterator[Finding]:
         if poi is None or not poi.on_road:
             continue
         if room.radius_m < needed_m:
-            text = f"{poi.name} is {room.radius_m:.2f} m from something that stands there; a person needs {needed_m:g} m."
+            text = (
+                f"{poi.name} is {room.radius_m:.2f} m from something that stands there; a person needs {needed_m:g} m."
+            )
             yield Finding("no_clearance", "warning", text, "Move the place along the road.", poi.x_m, poi.y_m, (key,))
         elif not room.is_known:
             text = f"No floor has been seen at {poi.name}."

@@ -39,7 +39,7 @@ def unreachable_places(evidence: MapEvidence) -> Iterator[Finding]:
 
 
 def _on_road(graph: PoiGraph) -> PoiGraph:
-    """Return the graph of the places on the road, in the order of their identifiers: the same one whatever was first."""
+    """Return the graph of the places on the road, in the order of their identifiers."""
     pois = {key: graph.pois[key] for key in sorted(graph.pois) if graph.pois[key].on_road}
     return PoiGraph(graph.version, pois, graph.edges)
 
@@ -49,9 +49,15 @@ def _finding(poi: Poi, is_reached: bool, is_left: bool) -> Finding | None:
         return None
     severity: Severity = "warning" if poi.kind in _ONE_SIDED_KINDS and (is_reached or is_left) else "error"
     if not is_reached and not is_left:
-        text, action = f"{poi.name} is joined with no other place by an open edge.", "Add an edge, or open a closed one."
+        text, action = (
+            f"{poi.name} is joined with no other place by an open edge.",
+            "Add an edge, or open a closed one.",
+        )
     elif is_left:
-        text, action = f"{poi.name} cannot be reached: edges only lead away from it.", "Let an edge be walked both ways."
+        text, action = (
+            f"{poi.name} cannot be reached: edges only lead away from it.",
+            "Let an edge be walked both ways.",
+        )
     else:
         text, action = f"{poi.name} cannot be left: edges only lead to it.", "Let an edge be walked both ways."
     code = "unleavable_poi" if is_reached else "unreachable_poi"

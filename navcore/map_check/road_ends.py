@@ -29,7 +29,7 @@ def nearly_joined_roads(evidence: MapEvidence) -> Iterator[Finding]:
         place = network.vertices_m[end]
         near = np.array(sorted(tree.query_ball_point(place, MAX_GAP_M)))
         gaps_m = np.hypot(*(network.vertices_m[near] - place).T)
-        ways_m = dijkstra(network.matrix, directed=False, indices=end, limit=MAX_GAP_M + MIN_DETOUR_M)[near]
+        ways_m = dijkstra(network.matrix, directed=False, indices=[end], limit=MAX_GAP_M + MIN_DETOUR_M)[0, near]
         apart = ways_m > gaps_m + MIN_DETOUR_M
         if not apart.any():
             continue

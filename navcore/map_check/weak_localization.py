@@ -1,7 +1,7 @@
 """Where along the road localization is, or may be, weak: from the map's key frames, and from the warnings of its walk.
 
-A pose is found by what key frames near it show. Where the map itself is not sure of their place, a pose cannot be surer;
-where they show few landmarks, or there are none near, it may not be found.
+A pose is found by what key frames near it show. Where the map itself is not sure of their place, a pose cannot be
+surer; where they show few landmarks, or there are none near, it may not be found.
 """
 
 from __future__ import annotations
@@ -91,13 +91,9 @@ def _key_frames(arrays: Arrays) -> _KeyFrames | None:
 
 def _along(line_m: FloatArray, frames: _KeyFrames, settings: Settings) -> Iterator[WeakPlace]:
     points = spaced(np.asarray(line_m, np.float64)[:, :2])
-    distances_m, nearest = cKDTree(frames.places_m).query(points)
     # Of the key frames near a point, the best one counts: it is the one that a pose is found by.
     near = cKDTree(frames.places_m).query_ball_point(points, MAX_KEYFRAME_DISTANCE_M)
-    reasons = [
-        _reason(np.array(close, np.int64), frames, settings) if distance_m <= MAX_KEYFRAME_DISTANCE_M else _NONE_NEAR
-        for close, distance_m in zip(near, distances_m, strict=True)
-    ]
+    reasons = [_reason(np.array(close, np.int64), frames, settings) for close in near]
     begin = 0
     for reason, group in itertools.groupby(reasons):
         end = begin + len(list(group))
@@ -109,10 +105,9 @@ def _along(line_m: FloatArray, frames: _KeyFrames, settings: Settings) -> Iterat
         begin = end
 
 
-_NONE_NEAR = "the map has no view from near here"
-
-
 def _reason(close: NDArray[np.int64], frames: _KeyFrames, settings: Settings) -> str | None:
+    if not len(close):
+        return "the map has no view from near here"
     if float(frames.deviation_m[close].min()) > settings.localization.uncertain_position_m:
         return "the map itself is not sure of its place"
     if int(frames.landmark_counts[close].max()) < settings.map_walk.landmarks_count:

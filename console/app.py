@@ -14,7 +14,17 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from console import api_accounts, api_devices, api_graph, api_recordings, api_versions, device_link, live_socket, pages
+from console import (
+    api_accounts,
+    api_checks,
+    api_devices,
+    api_graph,
+    api_recordings,
+    api_versions,
+    device_link,
+    live_socket,
+    pages,
+)
 from console.errors import BadRequestError, ConsoleError, NotFoundError
 from console.security import Guard, error_response
 from console.services import Services
@@ -44,7 +54,9 @@ def app_of(services: Services) -> FastAPI:
     app.add_exception_handler(VbrError, _refused)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(HTTPException, _http_error)
-    for module in (api_accounts, api_graph, api_versions, api_devices, api_recordings, live_socket, device_link):
+    for module in (
+        api_accounts, api_graph, api_versions, api_checks, api_devices, api_recordings, live_socket, device_link,
+    ):  # fmt: skip
         module.add_routes(app, services)
     pages.add_routes(app)
     return app

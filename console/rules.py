@@ -64,6 +64,9 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/redo"): EDITORS,
     ("POST", "/api/publish"): EDITORS,
     ("POST", "/api/view"): EVERYBODY,
+    ("GET", "/api/check"): EVERYBODY,
+    ("POST", "/api/check"): EDITORS,
+    ("GET", "/api/floor-plan.png"): EVERYBODY,
     # The 3D scene.
     ("GET", "/viewer/scene/"): EVERYBODY,
     ("WS", "/viewer/scene"): EVERYBODY,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from console.accounts import Accounts
+from console.checks import MapChecks
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.hub import DeviceHub
@@ -16,6 +17,7 @@ from console.presence import Presence
 from console.recordings import Recordings
 from console.sockets import SessionSockets
 from console.store import Store
+from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
 
@@ -43,6 +45,10 @@ class Services:
     """What devices have sent."""
     builds: MapBuilds
     """Maps that are built of these."""
+    surveys: Surveys
+    """What is measured in the map's cloud."""
+    checks: MapChecks
+    """What is wrong, or may be, with the draft."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -68,7 +74,9 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(devices, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
+    surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
+    checks = MapChecks(model, surveys)
     return Services(
         config, store, accounts, devices, model, hub, Presence(hub.now_s), views, sockets, package, tuning, recordings,
-        builds,
+        builds, surveys, checks,
     )  # fmt: skip

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from console.map_geometry.cloud_cleaning import one_per_voxel
+from console.map_geometry.cloud_cleaning import evenly_thinned, one_per_voxel
 from console.map_geometry.open3d_library import import_open3d, point_cloud
 from console.map_geometry.path_samples import sampled
 from navcore.geometry import FloatArray
@@ -32,13 +32,14 @@ NEAR_PLANE_M = 0.04
 """What is nearer to the plane than this lies on it: noise of depth cameras at the distances at which floor is seen."""
 _MAIN_WITHIN_M = 0.3
 """The map was made level by its floor, which lies at z = 0 (navcore.slam.leveling)."""
-_VOXEL_M = 0.05
+_VOXEL_M = 0.1
 _CELL_M = 0.1
 _UPRIGHT_COS = math.cos(math.radians(20.0))
 _MAX_LEVELS = 8
 _MIN_POINTS = 100
-_ROUNDS = 300
-_NORMAL_RADIUS_M, _NORMAL_NEIGHBOURS = 0.2, 24
+_ROUNDS, _ROUND_POINTS = 300, 20_000
+"""Planes are proposed by a part of the points, and confirmed by all of them."""
+_NORMAL_RADIUS_M, _NORMAL_NEIGHBOURS = 0.3, 16
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +92,10 @@ def _level_planes(lying_m: FloatArray) -> list[FloorLevel]:
             break
         import_open3d().utility.random.seed(0)
         # Certain to go all rounds: whether it may stop earlier would hang on which thread is faster.
-        (a, b, c, d), inliers = point_cloud(left).segment_plane(NEAR_PLANE_M, 3, _ROUNDS, 1.0)
-        points = left[np.sort(np.asarray(inliers, np.int64))]
-        left = np.delete(left, np.asarray(inliers, np.int64), axis=0)
+        proposing = left[evenly_thinned(left, _ROUND_POINTS)]
+        (a, b, c, d), _ = point_cloud(proposing).segment_plane(NEAR_PLANE_M, 3, _ROUNDS, 1.0)
+        on_it = np.abs(left @ (a, b, c) + d) < NEAR_PLANE_M
+        points, left = left[on_it], left[~on_it]
         area_m2 = len(_cells(points)) * _CELL_M**2
         if area_m2 < MIN_AREA_M2:
             break

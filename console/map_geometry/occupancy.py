@@ -51,8 +51,6 @@ class Occupancy:
     """(rows, columns): something stands or hangs there."""
     is_known: Mask
     """(rows, columns): floor has been seen there, or right beside it."""
-    levels: tuple[FloorLevel, ...]
-    """The floor that heights are counted from."""
 
     @cached_property
     def distance_m(self) -> NDArray[np.float32]:
@@ -94,7 +92,7 @@ def occupancy_of(points_m: NDArray[Any], walked_m: Sequence[FloatArray]) -> Occu
     reach = 2 * round(FLOOR_GAP_M / cell_m) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     known = np.asarray(cv2.dilate(seen.astype(np.uint8), disc), np.bool_) | _trodden(walked_m, grid)
-    return Occupancy(float(low[0]), float(low[1]), cell_m, occupied, known, levels)
+    return Occupancy(float(low[0]), float(low[1]), cell_m, occupied, known)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

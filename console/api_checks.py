@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import FastAPI, Query, Response
 
+from console.checks import edited_roads_m
 from console.map_geometry.floor_plan import FloorPlan, PlanPlace, Theme, floor_plan
 from console.model import SiteModel
 from console.requests import json_response
@@ -52,4 +53,5 @@ def plan_of(model: SiteModel, surveys: Surveys, theme: Theme) -> FloorPlan:
     survey, graph = surveys.survey(WAIT_S), model.graph
     pois = sorted(graph.pois.values(), key=lambda poi: (is_silent(poi), poi.id))
     places = [PlanPlace(poi.name, poi.x_m, poi.y_m) for poi in pois]
-    return floor_plan(survey.occupancy, survey.walls_m, model.network.polylines(), places, theme)
+    roads_m = edited_roads_m(graph) or model.network.polylines()
+    return floor_plan(survey.occupancy, survey.walls_m, roads_m, places, theme)

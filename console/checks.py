@@ -179,14 +179,18 @@ class MapChecks:
         if not graph.roads:
             return self._model.network
         if self._network is None or self._network[0] != graph.roads:
-            lines: list[FloatArray] = [np.array(road.points_m, np.float64) for road in graph.roads.values()]
-            self._network = graph.roads, RoadNetwork.from_roads(lines)
+            self._network = graph.roads, RoadNetwork.from_roads(edited_roads_m(graph))
         return self._network[1]
 
     def _overall_percent(self) -> int:
         if self._is_measuring:
             return round(_SURVEY_SHARE * self._surveys.percent)
         return round(100 * _SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * self._percent)
+
+
+def edited_roads_m(graph: PoiGraph) -> list[FloatArray]:
+    """Return the lines (n, 2) that the graph's roads are edited as; none where they are the recorded ones still."""
+    return [np.array(road.points_m, np.float64).reshape(-1, 2) for road in graph.roads.values()]
 
 
 def _sentence(version: int | None, draft_version: int, findings: Sequence[Finding]) -> str:

@@ -88,7 +88,7 @@ def occupancy_of(points_m: NDArray[Any], walked_m: Sequence[FloatArray]) -> Occu
     heights_m = _heights_m(points, levels, level_of[grid.cells(points)])
     counts = grid.count(points[(heights_m > LOW_M) & (heights_m < HEAD_M)])
     around = cv2.boxFilter(counts, cv2.CV_32F, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
-    occupied = (counts > 0) & (around >= MIN_VOXELS)
+    occupied = _closed((counts > 0) & (around >= MIN_VOXELS))
     reach = 2 * round(FLOOR_GAP_M / cell_m) + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (reach, reach))
     known = np.asarray(cv2.dilate(seen.astype(np.uint8), disc), np.bool_) | _trodden(walked_m, grid)
@@ -137,6 +137,12 @@ def _floor(points_m: FloatArray, levels: Sequence[FloorLevel], grid: _Grid) -> t
         return seen, level_of
     nearest = distance_transform_edt(~seen, return_distances=False, return_indices=True)
     return seen, np.asarray(level_of[tuple(nearest)])
+
+
+def _closed(occupied: Mask) -> Mask:
+    """Fill gaps of a cell: points as far apart as cells are wide leave some in between empty, and nobody fits through."""
+    closed = cv2.morphologyEx(occupied.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
+    return np.asarray(closed, np.bool_)
 
 
 def _trodden(walked_m: Sequence[FloatArray], grid: _Grid) -> Mask:

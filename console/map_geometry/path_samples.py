@@ -9,6 +9,8 @@ import numpy as np
 from navcore.geometry import FloatArray
 from navcore.planning.projection import arc_lengths_m
 
+MAX_SAMPLES = 20_000
+"""Of one path: of one longer than 2 km the points are farther apart than was asked for."""
 _CHORD_M = 0.4
 """Directions are taken over this length: a recorded road sways a little from point to point."""
 
@@ -26,11 +28,12 @@ class PathSamples:
 
 
 def sampled(path_m: FloatArray, spacing_m: float) -> PathSamples:
-    """Return a polyline (k, 2), k ≥ 1, as points at most ``spacing_m`` apart; both ends are among them."""
+    """Return a polyline (k, 2), k ≥ 1, as points about ``spacing_m`` apart; both ends are among them."""
     path = np.asarray(path_m, np.float64)[:, :2]
     along_m = arc_lengths_m(path)
     length_m = float(along_m[-1])
-    arc_m = np.linspace(0.0, length_m, max(2, int(np.ceil(length_m / spacing_m)) + 1))
+    count = min(MAX_SAMPLES, max(2, int(np.ceil(length_m / spacing_m)) + 1))
+    arc_m = np.linspace(0.0, length_m, count)
     points = _at(path, along_m, arc_m)
     chords = _at(path, along_m, arc_m + _CHORD_M / 2) - _at(path, along_m, arc_m - _CHORD_M / 2)
     lengths = np.hypot(*chords.T)[:, None]

@@ -117,8 +117,8 @@ def middle_of(edge: Edge, graph: PoiGraph) -> tuple[float, float]:
     """Return where to look for an edge: the middle of its path, or one of its places."""
     path = path_of(edge)
     if len(path):
-        x_m, y_m = spaced(path)[len(spaced(path)) // 2].tolist()
-        return x_m, y_m
+        points = spaced(path)
+        return float(points[len(points) // 2, 0]), float(points[len(points) // 2, 1])
     poi = graph.pois.get(edge.a) or graph.pois.get(edge.b)
     return (poi.x_m, poi.y_m) if poi is not None else (0.0, 0.0)
 

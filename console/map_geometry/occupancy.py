@@ -140,7 +140,7 @@ def _floor(points_m: FloatArray, levels: Sequence[FloorLevel], grid: _Grid) -> t
 
 
 def _closed(occupied: Mask) -> Mask:
-    """Fill gaps of a cell: points as far apart as cells are wide leave some in between empty, and nobody fits through."""
+    """Fill gaps of one cell, which points as far apart as cells are wide leave: nobody fits through them."""
     closed = cv2.morphologyEx(occupied.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8))
     return np.asarray(closed, np.bool_)
 

@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
 from console.map_geometry.clearance import REACH_M, path_clearance, place_clearance
-from console.map_geometry.cloud_cleaning import evenly_thinned, one_per_voxel, shown_points, without_outliers
+from console.map_geometry.cloud_cleaning import (
+    JUDGED_COUNT,
+    evenly_thinned,
+    one_per_voxel,
+    shown_points,
+    without_outliers,
+)
 from console.map_geometry.floor_levels import floor_levels
 from console.map_geometry.floor_plan import MAX_SIDE_PX, PALETTES, FloorPlan, PlanPlace, Theme, floor_plan
 from console.map_geometry.label_places import Label, label_boxes
@@ -72,6 +78,16 @@ def test_points_by_themselves_go_and_surfaces_stay() -> None:
     kept = without_outliers(np.vstack([CLOUD, stray]))
     assert not set(range(len(CLOUD), len(CLOUD) + 3)) & set(kept.tolist())
     assert len(kept) > 0.98 * len(CLOUD)
+
+
+def test_points_by_themselves_go_from_a_large_cloud_too() -> None:
+    rng = np.random.default_rng(2)
+    large = np.repeat(CLOUD, 10, axis=0) + rng.normal(0.0, 0.01, (10 * len(CLOUD), 3))
+    assert len(large) > JUDGED_COUNT
+    stray = np.array([[6.0, 0.0, 1.2], [14.0, 5.0, 7.0]])
+    kept = without_outliers(np.vstack([large, stray]))
+    assert len(kept) == len(set(kept.tolist()) - {len(large), len(large) + 1})
+    assert len(kept) > 0.98 * len(large)
 
 
 def test_what_belongs_to_each_point_can_follow() -> None:

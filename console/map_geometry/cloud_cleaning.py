@@ -26,6 +26,8 @@ NEIGHBOURS_COUNT = 16
 OUTLIER_DEVIATIONS = 3.0
 """… and is an outlier where that exceeds the cloud's mean by so many standard deviations (R. Rusu et al., "Towards 3D
 point cloud based object maps for household environments", Robotics and Autonomous Systems 56, 2008)."""
+JUDGED_COUNT = 150_000
+"""Of a larger cloud one point in each of so many voxels is judged for all in it: what is alone is alone there too."""
 _BITS = 21
 """Of a voxel's index along each axis, in one integer."""
 _ENOUGH_SHARE = 0.9
@@ -79,8 +81,20 @@ def without_outliers(
     finite = finite_points(points_m)
     if len(finite) <= neighbours_count:
         return finite
-    _, kept = point_cloud(points_m[finite]).remove_statistical_outlier(neighbours_count, deviations)
-    return finite[np.sort(np.asarray(kept, np.int64))]
+    judged, judge_of = _judges(_from_corner(points_m[finite]))
+    _, kept = point_cloud(points_m[finite[judged]]).remove_statistical_outlier(neighbours_count, deviations)
+    stays = np.zeros(len(judged), np.bool_)
+    stays[np.asarray(kept, np.int64)] = True
+    return finite[stays[judge_of]]
+
+
+def _judges(offsets_m: NDArray[np.float32]) -> tuple[IndexArray, IndexArray]:
+    """Return the points (k,) that stand for all, and for each point (n,) which of them stands for it."""
+    if len(offsets_m) <= JUDGED_COUNT:
+        return np.arange(len(offsets_m)), np.arange(len(offsets_m))
+    keys = _voxel_keys(offsets_m, _fitting_voxel_m(offsets_m, JUDGED_COUNT))
+    _, first, inverse = np.unique(keys, return_index=True, return_inverse=True)
+    return first, inverse
 
 
 def _from_corner(points_m: NDArray[Any]) -> NDArray[np.float32]:

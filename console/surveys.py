@@ -65,6 +65,8 @@ class Surveys:
             return load_survey(self._file)
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+            for broken_off in self._folder.glob(".*.npz.*"):
+                broken_off.unlink(missing_ok=True)
             self._run()
             return load_survey(self._file)
         except (OSError, InputError) as error:

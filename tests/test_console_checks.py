@@ -205,7 +205,9 @@ def test_a_survey_that_was_damaged_is_made_again(stage: Callable[..., Stage]) ->
     here = stage()
     (here.folder / "surveys").mkdir()
     here.surveys._file.write_bytes(b"PK\x03\x04 nothing of the kind")
+    (here.folder / "surveys" / f".{here.surveys._file.name}.77").write_bytes(b"what a process that was killed has left")
     assert here.checked().stage == "done"
+    assert [file.name for file in (here.folder / "surveys").iterdir()] == [here.surveys._file.name]
     assert here.surveys._file.stat().st_size > 1000
 
 

@@ -167,6 +167,8 @@ def test_two_places_of_one_name_are_found(one: str, other: str) -> None:
 def test_spoken_names_clash_too() -> None:
     graph = with_pois(beside("Room 12", "Kitchen"), beside("Kitchen"))
     assert the(MapEvidence(graph, NETWORK), "duplicate_spoken_name").severity == "warning"
+    silent = with_pois(beside("X", kind="junction"), beside("x", kind="junction"))
+    assert the(MapEvidence(silent, NETWORK), "duplicate_name").severity == "note"
     apart = with_pois(beside("Kitchen", "Staff kitchen"), beside("kitchen", "Guest kitchen"))
     assert the(MapEvidence(apart, NETWORK), "duplicate_name").severity == "note"
 
@@ -244,6 +246,11 @@ def test_a_dangling_edge_is_found(changes: dict[str, Any], reason: str) -> None:
     assert reason in dangling[0].text
 
 
+def test_an_edge_that_ends_a_step_before_its_place_dangles() -> None:
+    graph = with_edge(BAR_EDGE.id, path_m=tuple(BAR_EDGE.path_m[:-3]))
+    assert the(MapEvidence(graph, NETWORK), "dangling_edge").edge_ids == (BAR_EDGE.id,)
+
+
 def test_an_edge_to_a_free_standing_place_dangles() -> None:
     bar = msgspec.structs.replace(GRAPH.pois["bar"], on_road=False)
     graph = PoiGraph(1, {**GRAPH.pois, "bar": bar}, GRAPH.edges)
@@ -301,7 +308,7 @@ def test_a_hairpin_is_no_gap() -> None:
 
 # ----------------------------------------------------------------------------------------------------- passages
 def test_an_edge_through_something_is_found_where_it_stands() -> None:
-    found = the(measured(GRAPH, box((8.9, -0.1, 0.0), (9.1, 0.1, 1.0))), "edge_through_obstacle")
+    found = the(measured(GRAPH, box((8.7, -0.1, 0.0), (9.3, 0.1, 1.0))), "edge_through_obstacle")
     assert found.severity == "error"
     assert found.edge_ids == (BAR_EDGE.id,)
     assert (found.x_m, found.y_m) == (pytest.approx(9.0, abs=0.2), pytest.approx(0.0, abs=0.1))

@@ -99,7 +99,7 @@ def _level_planes(lying_m: FloatArray) -> list[FloorLevel]:
         area_m2 = len(_cells(points)) * _CELL_M**2
         if area_m2 < MIN_AREA_M2:
             break
-        if abs(c) >= math.cos(MAX_TILT_RAD) * math.sqrt(a * a + b * b + c * c):
+        if abs(c) > math.cos(MAX_TILT_RAD) * math.sqrt(a * a + b * b + c * c):
             planes.append(FloorLevel(np.array([-a / c, -b / c, -d / c]), points, area_m2))
     return planes
 

@@ -24,7 +24,6 @@ def nearly_joined_roads(evidence: MapEvidence) -> Iterator[Finding]:
         return
     tree = cKDTree(network.vertices_m)
     ends = np.flatnonzero(np.bincount(network.segments.ravel(), minlength=len(network.vertices_m)) == 1)
-    seen: set[int] = set()
     for end in ends.tolist():
         place = network.vertices_m[end]
         near = np.array(sorted(tree.query_ball_point(place, MAX_GAP_M)))
@@ -34,10 +33,8 @@ def nearly_joined_roads(evidence: MapEvidence) -> Iterator[Finding]:
         if not apart.any():
             continue
         across = int(near[apart][np.argmin(gaps_m[apart])])
-        seen.add(end)
-        # Two ends that face each other are one gap.
-        if across not in seen:
-            yield _finding(evidence, place.tolist(), network.vertices_m[across].tolist())
+        # Two ends that face each other are found twice, and are one finding.
+        yield _finding(evidence, place.tolist(), network.vertices_m[across].tolist())
 
 
 def _finding(evidence: MapEvidence, end_m: list[float], other_m: list[float]) -> Finding:

@@ -35,22 +35,21 @@ def plain_form(name: str) -> str:
 def confusable_pairs(names: Mapping[str, str]) -> dict[tuple[str, str], str]:
     """Return why two names of different form may be confused, by their keys, each pair in the keys' order.
 
-    ``names`` are names by whatever key; equal forms are not compared.
+    ``names`` are names by whatever key; of those of one form, the first key stands for all.
     """
-    keys_of_form: dict[str, list[str]] = defaultdict(list)
-    for key, name in names.items():
-        keys_of_form[plain_form(name)].append(key)
+    key_of_form: dict[str, str] = {}
+    for key in sorted(names):
+        key_of_form.setdefault(plain_form(names[key]), key)
     alike: dict[tuple[str, str], list[str]] = defaultdict(list)
-    for form in sorted(keys_of_form):
+    for form in sorted(key_of_form):
         for kind, trace in _traces(form):
             if form not in alike[kind, trace]:
                 alike[kind, trace].append(form)
     pairs: dict[tuple[str, str], str] = {}
     for (kind, _), forms in alike.items():
         for a, b in combinations(forms, 2):
-            for one in keys_of_form[a]:
-                for other in keys_of_form[b]:
-                    pairs.setdefault((min(one, other), max(one, other)), kind)
+            one, other = sorted((key_of_form[a], key_of_form[b]))
+            pairs.setdefault((one, other), kind)
     return pairs
 
 

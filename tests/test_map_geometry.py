@@ -156,9 +156,9 @@ def test_walls_end_at_doors() -> None:
     ]
 
 
-def test_the_side_of_a_table_is_no_wall() -> None:
-    table = box((5.0, -0.6, 0.0), (7.0, -0.6, 0.75))
-    assert len(wall_segments(np.vstack([corridor(), table]))) == 2
+def test_the_side_of_a_counter_is_no_wall() -> None:
+    counter = box((5.0, -0.6, 0.0), (7.0, -0.6, 1.1))
+    assert len(wall_segments(np.vstack([corridor(), counter]))) == 2
 
 
 def test_the_same_cloud_gives_the_same_walls_and_floor() -> None:

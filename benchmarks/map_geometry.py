@@ -27,9 +27,10 @@ import numpy as np
 from benchmarks.way_finding import large_graph
 from console.map_geometry.clearance import path_clearance, place_clearance
 from console.map_geometry.cloud_cleaning import evenly_thinned, shown_points
-from console.map_geometry.floor_plan import PlanPlace, floor_plan
+from console.map_geometry.floor_plan import floor_plan
 from console.map_geometry.occupancy import occupancy_of
 from console.map_geometry.open3d_library import import_open3d
+from console.map_geometry.plan_layout import PlanPlace
 from console.map_geometry.wall_segments import wall_segments
 from console.viewer.cloud import MAX_POINTS_COUNT
 from device_agent.single_core import use_one_core

@@ -67,6 +67,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/check"): EVERYBODY,
     ("POST", "/api/check"): EDITORS,
     ("GET", "/api/floor-plan.png"): EVERYBODY,
+    ("GET", "/api/floor-plan.svg"): EVERYBODY,
     # The 3D scene.
     ("GET", "/viewer/scene/"): EVERYBODY,
     ("WS", "/viewer/scene"): EVERYBODY,

@@ -133,6 +133,9 @@ def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada:
         assert float(answer.headers["x-left-metres"]) < 0.0
         pictures.append(picture)
     assert pictures[0].mean() > pictures[1].mean()
+    drawing = ada.http.get("/api/floor-plan.svg").raise_for_status()
+    assert drawing.headers["content-type"].startswith("image/svg+xml")
+    assert ">Hall</text>" in drawing.text
 
 
 # --------------------------------------------------------------------------------------------------- versions

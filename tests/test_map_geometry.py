@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 import cv2
 import numpy as np
@@ -21,9 +22,11 @@ from console.map_geometry.cloud_cleaning import (
     without_outliers,
 )
 from console.map_geometry.floor_levels import floor_levels
-from console.map_geometry.floor_plan import MAX_SIDE_PX, PALETTES, FloorPlan, PlanPlace, Theme, floor_plan
+from console.map_geometry.floor_plan import FloorPlan, floor_plan
+from console.map_geometry.floor_plan_svg import floor_plan_svg
 from console.map_geometry.label_places import Label, label_boxes
 from console.map_geometry.occupancy import Occupancy, occupancy_of
+from console.map_geometry.plan_layout import MAX_SIDE_PX, PALETTES, PlanPlace, Theme
 from console.map_geometry.survey import Survey, load_survey, save_survey
 from console.map_geometry.wall_segments import wall_segments
 from navcore.errors import InputError
@@ -247,6 +250,7 @@ ANYWHERE = seen()
 
 
 # ---------------------------------------------------------------------------------------------------- floor plan
+SVG = "{http://www.w3.org/2000/svg}"
 PLACES = (PlanPlace("Hall", 1.0, 0.0), PlanPlace("Größe 厕所 & <b>", 1.1, 0.05), PlanPlace("Bar", 11.0, 0.0))
 
 
@@ -306,6 +310,24 @@ def test_a_campus_still_fits() -> None:
 def test_a_plan_of_nothing_is_a_plan() -> None:
     empty = occupancy_of(np.zeros((0, 3)), [])
     assert floor_plan(empty, np.zeros((0, 2, 2)), [], ()).png.startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_the_same_plan_as_svg_has_every_name_once_and_lies_where_the_picture_lies(theme: Theme) -> None:
+    names = ("Hall", "Größe 厕所 & <b>", "Bar\x07 <script>alert(1)</script>")
+    places = [PlanPlace(name, x_m, 0.0) for name, x_m in zip(names, (1.0, 5.0, 11.0), strict=True)]
+    root = ElementTree.fromstring(floor_plan_svg(ANYWHERE, wall_segments(CLOUD), [ROAD_M], places, theme))
+    picture = floor_plan(ANYWHERE, wall_segments(CLOUD), [ROAD_M], places, theme)
+    texts = [text.text for text in root.iter(f"{SVG}text")]
+    assert texts[:-1] == [names[0], names[1], names[2].replace("\x07", "")]
+    assert texts[-1] in ("2 m", "5 m")
+    assert not list(root.iter(f"{SVG}script"))
+    assert root.get("viewBox") == f"0 0 {picture.width_px} {picture.height_px}"
+    assert float(root.attrib["data-left-m"]) == pytest.approx(picture.x_min_m, abs=1e-3)
+    assert float(root.attrib["data-top-m"]) == pytest.approx(picture.y_max_m, abs=1e-3)
+    bar = next(circle for circle in list(root.iter(f"{SVG}circle"))[2:])
+    assert picture.x_min_m + float(bar.attrib["cx"]) * picture.metres_per_pixel == pytest.approx(11.0, abs=0.01)
+    assert len(list(root.iter(f"{SVG}path"))) == 2
 
 
 @settings(max_examples=40, deadline=None)

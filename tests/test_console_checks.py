@@ -249,9 +249,21 @@ def test_who_does_not_want_to_wait_hears_how_far_it_is(stage: Callable[..., Stag
 
 def test_a_console_that_ends_ends_the_survey(stage: Callable[..., Stage]) -> None:
     here = stage()
+    held: list[Any] = []
+    begun = threading.Event()
+    original = here.surveys._follow
+
+    def hold(process: Any) -> None:
+        os.kill(process.pid, signal.SIGSTOP)
+        held.append(process)
+        begun.set()
+        original(process)
+
+    here.surveys._follow = hold  # type: ignore[method-assign]  # a survey that would never end by itself
     here.checks.start()
+    assert begun.wait(WAIT_S)
     here.close()
-    assert here.checks.state().stage in ("failed", "done")
+    assert held[0].returncode == -signal.SIGKILL
+    assert here.checks.state().stage == "failed"
     with pytest.raises(ConflictError, match="ending"):
         here.checks.start()
-    assert here.surveys._process is None or here.surveys._process.poll() is not None

@@ -7,7 +7,6 @@ from typing import Annotated
 
 from fastapi import FastAPI, Query, Response
 
-from console.checks import edited_roads_m
 from console.map_geometry.floor_plan import floor_plan
 from console.map_geometry.floor_plan_svg import floor_plan_svg
 from console.map_geometry.occupancy import Occupancy
@@ -64,4 +63,4 @@ def _shown(
     survey, graph = surveys.survey(WAIT_S), model.graph
     pois = sorted(graph.pois.values(), key=lambda poi: (is_silent(poi), poi.id))
     places = [PlanPlace(poi.name, poi.x_m, poi.y_m) for poi in pois]
-    return survey.occupancy, survey.walls_m, edited_roads_m(graph) or model.network.polylines(), places
+    return survey.occupancy, survey.walls_m, model.network.polylines(), places

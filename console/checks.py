@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from typing import Literal
 
 import msgspec
-import numpy as np
 
 from console.errors import ConflictError
 from console.map_geometry.clearance import path_clearance, place_clearance
@@ -20,13 +19,13 @@ from console.map_geometry.survey import Survey
 from console.model import SiteModel
 from console.surveys import Surveys
 from navcore.errors import VbrError
-from navcore.geometry import FloatArray
 from navcore.map_check.checker import findings_of
 from navcore.map_check.clearance import PathClearance, PlaceClearance
 from navcore.map_check.evidence import MapEvidence, RehearsedRoute, path_of
 from navcore.map_check.finding import Finding
 from navcore.map_check.weak_localization import weak_places
 from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.road_edits import network_of
 from navcore.planning.road_network import RoadNetwork
 from navcore.settings import Settings
 
@@ -175,22 +174,14 @@ class MapChecks:
         self._places = {place: place_clearance(survey.occupancy, *place) for place in places}
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:
-        """Return the road that the graph was edited on: its own lines, or the recorded ones where it has none."""
-        if not graph.roads:
-            return self._model.network
         if self._network is None or self._network[0] != graph.roads:
-            self._network = graph.roads, RoadNetwork.from_roads(edited_roads_m(graph))
+            self._network = graph.roads, network_of(graph.roads)
         return self._network[1]
 
     def _overall_percent(self) -> int:
         if self._is_measuring:
             return round(_SURVEY_SHARE * self._surveys.percent)
         return round(100 * _SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * self._percent)
-
-
-def edited_roads_m(graph: PoiGraph) -> list[FloatArray]:
-    """Return the lines (n, 2) that the graph's roads are edited as; none where they are the recorded ones still."""
-    return [np.array(road.points_m, np.float64).reshape(-1, 2) for road in graph.roads.values()]
 
 
 def _sentence(version: int | None, draft_version: int, findings: Sequence[Finding]) -> str:

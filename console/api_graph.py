@@ -10,12 +10,13 @@ import msgspec
 from fastapi import FastAPI, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from console.bodies import ViewBody
+from console.bodies import PublishBody, ViewBody
 from console.edit_words import sentence_of
 from console.edits import Edit
 from console.errors import BadRequestError, NotFoundError
 from console.graph_log import LogEntry
 from console.model import SiteModel
+from console.publishing import publish
 from console.requests import Visitor, json_response
 from console.services import Services
 from console.view_requests import FlyToPoi, FollowDevice
@@ -59,8 +60,9 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/publish")
-    def publish(visitor: Visitor) -> Response:
-        model.publish(visitor.user_name)
+    def publish_draft(visitor: Visitor, body: PublishBody | None = None) -> Response:
+        confirmed = body is not None and body.confirmed
+        publish(model, services.checks, visitor.user_name, confirmed=confirmed)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/view")

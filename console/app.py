@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from console import (
     api_accounts,
+    api_checks,
     api_devices,
     api_exchange,
     api_graph,
@@ -34,6 +35,7 @@ from navcore.errors import VbrError
 _log = logging.getLogger(__name__)
 _ROUTES = (
     api_accounts,
+    api_checks,
     api_devices,
     api_exchange,
     api_graph,

@@ -57,6 +57,12 @@ class PresenceBody(_Body):
     id: Annotated[str, Field(max_length=64)] = ""
 
 
+class PublishBody(_Body):
+    """Publish the draft; ``confirmed`` where somebody has seen its errors."""
+
+    confirmed: bool = False
+
+
 class VersionBody(_Body):
     """A name for the draft as it is now."""
 

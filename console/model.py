@@ -206,9 +206,14 @@ class SiteModel:
             self._tell("redo", who)
             return self._graph
 
-    def publish(self, who: str) -> PoiGraph:
-        """Make the draft the graph that devices are given; return it."""
+    def publish(self, who: str, version: int | None = None) -> PoiGraph:
+        """Make the draft the graph that devices are given; return it.
+
+        Raises ConflictError where the draft is no longer of the ``version`` that was looked at.
+        """
         with self._lock:
+            if version is not None and version != self._graph.version:
+                raise ConflictError("The draft has been changed meanwhile: look at it again, then publish.")
             if self._published.version != self._graph.version:
                 self._publish_as(who)
                 self._tell("publish", who)

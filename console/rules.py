@@ -77,6 +77,10 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/import/site"): Rule("people", MAPPING, MAX_ARCHIVE_BYTES),
     ("POST", "/api/rehearsals"): EVERYBODY,
     ("GET", "/api/rehearsals/sounds/{key}"): EVERYBODY,
+    ("GET", "/api/check"): EVERYBODY,
+    ("POST", "/api/check"): EDITORS,
+    ("GET", "/api/floor-plan.png"): EVERYBODY,
+    ("GET", "/api/floor-plan.svg"): EVERYBODY,
     # The 3D scene.
     ("GET", "/viewer/scene/"): EVERYBODY,
     ("WS", "/viewer/scene"): EVERYBODY,

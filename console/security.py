@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
+import msgspec
 from fastapi import Request
 from fastapi.responses import JSONResponse, RedirectResponse, Response
 from starlette.concurrency import run_in_threadpool
@@ -192,7 +193,7 @@ def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
 
 def error_response(error: ConsoleError) -> JSONResponse:
     """Return a refusal as JSON: ``{"error": sentence}``, and what belongs to it."""
-    response = JSONResponse({"error": str(error), **error.details()}, status_code=error.status)
+    response = JSONResponse(msgspec.to_builtins({"error": str(error), **error.details()}), status_code=error.status)
     retry_after_s: Any = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         response.headers["Retry-After"] = str(max(1, round(retry_after_s)))

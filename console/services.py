@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from console.accounts import Accounts
+from console.checks import MapChecks
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.exports import Exports
@@ -19,6 +20,7 @@ from console.rehearsals import Rehearsals, Sounds
 from console.site_imports import SiteImports
 from console.sockets import SessionSockets
 from console.store import Store
+from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
 
@@ -54,6 +56,10 @@ class Services:
     """Ways walked by nobody, to hear what would be said."""
     sounds: Sounds
     """How that sounds."""
+    surveys: Surveys
+    """What is measured in the map's cloud."""
+    checks: MapChecks
+    """What is wrong, or may be, with the draft."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -79,6 +85,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(devices, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
+    surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
+    checks = MapChecks(model, surveys)
     return Services(
         config=config,
         store=store,
@@ -97,4 +105,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         exports=Exports(model, config.site_folder, config.data_folder),
         rehearsals=Rehearsals(hub.now_s),
         sounds=Sounds(),
+        surveys=surveys,
+        checks=checks,
     )

@@ -445,7 +445,9 @@ def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
         assert admin.http.post("/api/redo").json()["pois"][0]["name"] == "Great hall"
         assert not admin.http.post("/api/undo").json()["pois"][0]["name"].startswith("Great")
         assert admin.http.post("/api/undo").json()["edges"] == []
-        published = admin.http.post("/api/publish").json()
+        refused = admin.http.post("/api/publish")
+        assert (refused.status_code, refused.json()["findings"][0]["code"]) == (409, "unreachable_poi")
+        published = admin.http.post("/api/publish", json={"confirmed": True}).json()
         assert published["published_version"] == published["version"]
         assert len(published["destinations"]) == 3
         assert load_poi_graph(tmp_path / "site") == server.services.model.for_devices

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.geometry import FloatArray
-from navcore.map_check.announced import Announced, RehearsedRoute
+from navcore.map_check.evidence import Announced, RehearsedRoute
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.shortest_path import Source, Ways
 from navcore.planning.way_finding import WayFinder

@@ -41,9 +41,10 @@ def test_a_large_cloud_is_thinned_and_says_so() -> None:
 def test_the_ceiling_is_a_layer_of_its_own_and_nothing_is_lost() -> None:
     site = crossing_corridors(5000)
     cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb, ceiling_m=2.2)
-    assert cloud.points_m[:, 2].max() <= 2.2 < cloud.ceiling_points_m[:, 2].min()
+    (below,), (above,) = cloud.parts, cloud.ceiling_parts
+    assert below.points_m[:, 2].max() <= 2.2 < above.points_m[:, 2].min()
     assert cloud.shown_count == 5000
-    assert len(cloud.points_m) == len(cloud.colours_rgb)
+    assert len(below.points_m) == len(below.colours_rgb)
 
 
 def test_points_that_are_no_numbers_are_left_out() -> None:

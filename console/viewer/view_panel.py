@@ -4,20 +4,24 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 
 import numpy as np
 import viser
 
-from console.viewer.cloud import CameraView, FloorBounds, ShownCloud, overview, plan_view
+from console.viewer.cloud import CameraView, FloorBounds, overview, plan_view
+from console.viewer.cloud_colours import Colouring, legend
+from console.viewer.cloud_layer import CloudLayer
 from console.viewer.live_view import LiveView
 from console.viewer.widgets import nothing, on_change, on_choice
-from console.viewer.wording import card
+from console.viewer.wording import card, legend_card
 
 _FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
 _PANEL_PX = 272.0
 _MOST_COVERED_SHARE = 0.3
 _NARROW_ASPECT = 1.05
 """A narrower window than this (a phone) has its panel below."""
+_COLOURINGS = {each.value for each in Colouring}
 
 
 class CameraMode(enum.Enum):
@@ -30,36 +34,52 @@ class CameraMode(enum.Enum):
 class ViewPanel:
     """Layers and camera of one client."""
 
-    def __init__(self, client: viser.ClientHandle, bounds: FloorBounds, cloud: ShownCloud) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        bounds: FloorBounds,
+        cloud: CloudLayer,
+        road: viser.FrameHandle,
+        sentence: str,
+        set_theme: Callable[[str], None],
+    ) -> None:
         self._client = client
         self._bounds = bounds
+        self._cloud = cloud
         self.mode = CameraMode.FREE
         self._last_target_m: tuple[float, float] | None = None
         gui = client.gui
-        self._camera = gui.add_button_group(
-            "Camera", ("Overview", "From above", "Follow"), hint="O: overview, F: follow the walker"
+        camera = gui.add_button_group(
+            "Camera", ("Overview", "From above", "Follow"), hint="O: overview, P: from above, F: follow the walker"
         )
-        on_choice(
-            self._camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing
-        )
-        self._layers = {
-            name: client.scene.add_frame(name, show_axes=False, visible=shown)
-            for name, shown in (("/map/cloud", True), ("/map/ceiling", False), ("/map/road", True))
-        }
-        for name, word in (("/map/cloud", "Point cloud"), ("/map/ceiling", "Ceiling"), ("/map/road", "Road")):
-            self._add_layer(gui, self._layers[name], word)
+        on_choice(camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing)
+        ceiling = client.scene.add_frame("/map/ceiling", show_axes=False, visible=False)
+        for layer, word in ((cloud, "Point cloud"), (ceiling, "Ceiling"), (road, "Road")):
+            self._add_layer(gui, layer, word)
+        self._colouring = gui.add_dropdown("Colour", tuple(each.value for each in Colouring))
+        on_change(self._colouring, self._colour, nothing)
+        self._legend = gui.add_html("", visible=False)
         self.lengths = gui.add_checkbox("Lengths", True)
         self.details = gui.add_checkbox("What the walker's device sees", True)
-        gui.add_html(card(cloud.sentence))
+        theme = gui.add_button_group("Theme", ("Dark", "Light"))
+        on_choice(theme, {"Dark": lambda: set_theme("dark"), "Light": lambda: set_theme("light")}, nothing)
+        gui.add_html(card(sentence))
 
     @staticmethod
-    def _add_layer(gui: viser.GuiApi, layer: viser.FrameHandle, word: str) -> None:
+    def _add_layer(gui: viser.GuiApi, layer: CloudLayer | viser.FrameHandle, word: str) -> None:
         box = gui.add_checkbox(word, layer.visible)
 
         def toggle() -> None:
             layer.visible = box.value
 
         on_change(box, toggle, nothing)
+
+    def _colour(self) -> None:
+        colouring = Colouring(self._colouring.value) if self._colouring.value in _COLOURINGS else Colouring.SEEN
+        self._cloud.colour(colouring)
+        rows = legend(colouring)
+        self._legend.visible = bool(rows)
+        self._legend.content = legend_card(f"Colour: {colouring.value.lower()}", rows)
 
     def fit_first_view(self) -> None:
         """Show the whole floor in this very window, unless its camera has been moved already (after a reconnect)."""

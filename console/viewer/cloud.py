@@ -19,6 +19,8 @@ CEILING_M = 2.2
 _SURFACE_CELL_M = 0.25
 FOV_RAD = math.radians(50.0)
 """Vertical field of view of the scene's camera."""
+FIRST_ASPECT = 1.2
+"""Width to height of a window that is not known yet: beside the panel of a usual screen the scene is about so wide."""
 _OBLIQUE_RAD = math.radians(60.0)
 _FILLED_SHARE = 0.96
 
@@ -160,7 +162,7 @@ def floor_bounds(points_m: NDArray[np.float32], roads_m: Sequence[FloatArray]) -
     return FloorBounds(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
 
-def overview(bounds: FloorBounds, aspect: float = 1.5, covered: float = 0.25) -> CameraView:
+def overview(bounds: FloorBounds, aspect: float = FIRST_ASPECT, covered: float = 0.25) -> CameraView:
     """Return an oblique view that holds the whole floor, its longer side across a window of this width to height.
 
     ``covered`` is the share of the window's width that the panel hides, at its right: the floor lies left of it.

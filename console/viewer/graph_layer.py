@@ -150,7 +150,7 @@ class GraphLayer:
             np.vstack([placed.positions_m for _, placed in pieces]),
             batched_scales=np.vstack([placed.scales for _, placed in pieces]),
             batched_colors=self._colours(edges, selected_id),
-            lod="off", cast_shadow=False, receive_shadow=False,
+            lod="off", material="toon3", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         self._tubes.on_click(self._on_edge_click)
 
@@ -176,7 +176,8 @@ class GraphLayer:
             "/graph/arrows", cone.vertices_m, cone.faces,
             meshes.quats_from_z_to(np.column_stack([directions, np.zeros(count)])),
             np.column_stack([points, np.full(count, _EDGE_Z_M)]),
-            batched_scales=np.tile((0.15, 0.15, 0.34), (count, 1)), batched_colors=self._theme.arrow, lod="off",
+            batched_scales=np.tile((0.15, 0.15, 0.34), (count, 1)), batched_colors=self._theme.arrow,
+            lod="off", material="toon3",
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 

@@ -17,6 +17,7 @@ from navcore.planning.poi_graph import PoiGraph
 
 MAX_RINGS_COUNT = 12
 """More windows than this are named in the panel alone."""
+_RING_M = 0.66
 _DOING = {"looking": "looks at", "editing": "edits", "dragging": "moves", "drawing": "draws"}
 
 
@@ -51,7 +52,8 @@ class PeopleLayer:
                 if number == len(self._rings):
                     self._rings.append(self._add_ring(number))
                 each = self._rings[number]
-                each.ring.position, each.name.position = (*place, 0.05), (*place, 0.2)
+                each.ring.position = (*place, 0.05)
+                each.name.position = (place[0] + _RING_M + 0.1, place[1], 0.05)
                 each.ring.color = colour_of(present.user_name)
                 each.name.text = present.user_name
                 each.ring.visible = each.name.visible = True
@@ -59,14 +61,14 @@ class PeopleLayer:
                 each.ring.visible = each.name.visible = False
 
     def _add_ring(self, number: int) -> _Ring:
-        mesh = meshes.ring(0.66, 0.08)
+        mesh = meshes.ring(_RING_M, 0.08)
         name = f"/people/{number}"
         return _Ring(
             self._client.scene.add_mesh_simple(
                 name, mesh.vertices_m, mesh.faces, color=PEOPLE[0], side="double", cast_shadow=False,
                 receive_shadow=False,
             ),
-            self._client.scene.add_label(f"{name}_name", "", anchor="top-center", font_screen_scale=0.85),
+            self._client.scene.add_label(f"{name}_name", "", anchor="center-left", font_screen_scale=0.85),
         )  # fmt: skip
 
 

@@ -85,7 +85,7 @@ class RoadLayer:
         mesh = meshes.ribbon(pieces, _BAND_WIDTH_M)
         handle = self._client.scene.add_mesh_simple(
             f"/road/{road.id}", mesh.vertices_m, mesh.faces, color=self._colour(road, False), side="double",
-            position=(0.0, 0.0, _BAND_Z_M), flat_shading=True, cast_shadow=False, receive_shadow=False,
+            position=(0.0, 0.0, _BAND_Z_M), material="toon3", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
 
         async def picked(event: viser.SceneNodePointerEvent) -> None:  # type: ignore[type-arg]

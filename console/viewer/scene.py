@@ -159,8 +159,8 @@ def draw_map(server: viser.ViserServer, cloud: ShownCloud, bounds: FloorBounds) 
         scene.add_frame(name, show_axes=False)
     for part in (*cloud.parts, *cloud.ceiling_parts):
         add_points(scene, part.name, part.points_m, part.colours_rgb, cloud.point_size_m)
-    # Nobody has opened a window yet; beside the panel of a usual screen the scene is about this wide.
-    view = overview(bounds, aspect=1.2)
+    # Nobody has opened a window yet; each fits it to its own size.
+    view = overview(bounds)
     server.initial_camera.position = view.position_m
     server.initial_camera.fov = FOV_RAD
     server.initial_camera.look_at = view.look_at_m

@@ -35,19 +35,20 @@ class Shortcut:
     modifier: KeyModifier | None = None
     is_editing: bool = True
     """Whether it is for those who may edit."""
+    together: str = ""
+    """What the help says of this and the others that say the same; empty: the words."""
 
     @property
     def keys(self) -> str:
         """The keys in words, as ``Ctrl+Shift+Z``."""
-        if self.key is None:
-            return "Ctrl+K"
+        assert self.key is not None
         modifiers = [_MODIFIERS[part] for part in self.modifier.split("+")] if self.modifier else []
         return "+".join([*modifiers, _KEYS.get(self.key, self.key.capitalize())])
 
 
 _MODIFIERS = {"cmd/ctrl": "Ctrl", "alt": "Alt", "shift": "Shift"}
 _KEYS = {
-    "escape": "Esc", "arrowup": "↑", "arrowdown": "↓", "arrowleft": "←", "arrowright": "→", "H": "? or H",
+    "escape": "Esc", "H": "? or H", **dict.fromkeys(("arrowup", "arrowdown", "arrowleft", "arrowright"), "Arrows"),
 }  # fmt: skip
 _MODES, _CHANGE, _KEYBOARD, _VIEW = "Modes", "Change", "Without the mouse", "View"
 
@@ -72,17 +73,20 @@ SHORTCUTS: tuple[Shortcut, ...] = (
     Shortcut("delete", "Delete what is selected", _CHANGE, "delete"),
     Shortcut("undo", "Undo", _CHANGE, "Z", "cmd/ctrl"),
     Shortcut("redo", "Redo", _CHANGE, "Z", "cmd/ctrl+shift"),
-    Shortcut("propose", "Propose connections between neighbours", _CHANGE),
+    Shortcut("propose", "Propose connections between neighbours", _CHANGE, "J"),
     Shortcut("publish", "Publish the map", _CHANGE),
-    Shortcut("next_place", "Next place", _KEYBOARD, "N", is_editing=False),
-    Shortcut("previous_place", "Previous place", _KEYBOARD, "N", "shift", is_editing=False),
-    Shortcut("next_connection", "Next connection", _KEYBOARD, "C", is_editing=False),
-    Shortcut("previous_connection", "Previous connection", _KEYBOARD, "C", "shift", is_editing=False),
-    Shortcut("next_road", "Next road", _KEYBOARD, "R", is_editing=False),
-    Shortcut("previous_road", "Previous road", _KEYBOARD, "R", "shift", is_editing=False),
+    Shortcut("next_place", "Next place", _KEYBOARD, "N", is_editing=False, together="Next, previous place"),
+    Shortcut("previous_place", "Previous place", _KEYBOARD, "N", "shift", is_editing=False, together="Next, previous place"),
+    Shortcut("next_connection", "Next connection", _KEYBOARD, "C", is_editing=False, together="Next, previous connection"),
+    Shortcut("previous_connection", "Previous connection", _KEYBOARD, "C", "shift", is_editing=False, together="Next, previous connection"),
+    Shortcut("next_road", "Next road", _KEYBOARD, "R", is_editing=False, together="Next, previous road"),
+    Shortcut("previous_road", "Previous road", _KEYBOARD, "R", "shift", is_editing=False, together="Next, previous road"),
     Shortcut("pick", "Click where the cross is", _KEYBOARD, "space"),
     *(
-        Shortcut(action, f"Move the place, or the cross, {metres} {where}", _KEYBOARD, key, modifier)
+        Shortcut(
+            action, f"Move {metres} {where}", _KEYBOARD, key, modifier,
+            together=f"Move the selected place, or the cross, by {metres}",
+        )
         for near, far, where, key in _ARROW_KEYS
         for action, metres, modifier in _steps(near, far)
     ),
@@ -97,14 +101,18 @@ _MOUSE: tuple[tuple[str, str], ...] = (
     ("Drag a place", "Move it, its connections follow"),
     ("Drag the floor", "Turn the view; with the right button, shift it"),
     ("Alt+arrows, W A S D Q E", "Turn and move the camera"),
-    ("Ctrl+K", "All commands, by name"),
+    ("Ctrl+K", "All commands, by name; also Publish"),
 )
 
 
 def help_groups(may_edit: bool) -> list[tuple[str, list[tuple[str, str]]]]:
     """Return what the help lists: groups of keys and what they do."""
-    groups: dict[str, list[tuple[str, str]]] = {}
+    groups: dict[str, dict[str, list[str]]] = {}
     for each in SHORTCUTS:
-        if may_edit or not each.is_editing:
-            groups.setdefault(each.group, []).append((each.keys, each.words))
-    return [*groups.items(), ("Mouse and camera", list(_MOUSE))]
+        if each.key is None or (each.is_editing and not may_edit):
+            continue
+        rows, words = groups.setdefault(each.group, {}), each.together or each.words
+        if each.keys not in rows.setdefault(words, []):
+            rows[words].append(each.keys)
+    keyed = [(group, [(", ".join(keys), words) for words, keys in rows.items()]) for group, rows in groups.items()]
+    return [*keyed, ("Mouse and camera", list(_MOUSE))]

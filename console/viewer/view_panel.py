@@ -21,6 +21,8 @@ _PANEL_PX = 272.0
 _MOST_COVERED_SHARE = 0.3
 _NARROW_ASPECT = 1.05
 """A narrower window than this (a phone) has its panel below."""
+_BEFORE_FIRST_M = (3.0, 3.0, 3.0)
+"""Where viser's client says that it is before it has been told where to be."""
 _COLOURINGS = {each.value for each in Colouring}
 
 
@@ -83,8 +85,8 @@ class ViewPanel:
 
     def fit_first_view(self) -> None:
         """Show the whole floor in this very window, unless its camera has been moved already (after a reconnect)."""
-        first = overview(self._bounds)
-        if np.allclose(self._client.camera.position, first.position_m, atol=0.05):
+        unmoved = (overview(self._bounds).position_m, _BEFORE_FIRST_M)
+        if any(np.allclose(self._client.camera.position, place, atol=0.05) for place in unmoved):
             self.overview()
 
     def overview(self) -> None:

@@ -1,4 +1,4 @@
-"""The verbs of the map editor beyond tagging and connecting: roads, merging, splitting, free places, what is refused."""
+"""Verbs of the map editor beyond tagging and connecting: roads, merging, splitting, free places, what is refused."""
 
 from __future__ import annotations
 
@@ -140,7 +140,9 @@ def test_roads_are_sent_again_only_when_they_change(browser: FakeBrowser, model:
 
 
 # -------------------------------------------------------------------------------------------------------- places
-def test_a_place_is_put_off_the_road_by_shift_click_and_has_another_form(browser: FakeBrowser, model: SiteModel) -> None:
+def test_a_place_is_put_off_the_road_by_shift_click_and_has_another_form(
+    browser: FakeBrowser, model: SiteModel
+) -> None:
     browser.key("tag")
     browser.click_floor(4.0, 3.0, "shift")
     assert browser.view.editor.begun == NewPlace(pytest.approx((4.0, 3.0), abs=0.01), on_road=False)
@@ -152,7 +154,9 @@ def test_a_place_is_put_off_the_road_by_shift_click_and_has_another_form(browser
     assert not np.array_equal(pin("ball", True).vertices_m, pin("ball", False).vertices_m)
 
 
-def test_the_switch_puts_places_off_the_road_and_the_form_puts_them_back(browser: FakeBrowser, model: SiteModel) -> None:
+def test_the_switch_puts_places_off_the_road_and_the_form_puts_them_back(
+    browser: FakeBrowser, model: SiteModel
+) -> None:
     browser.key("tag")
     browser.set_widget("Free position", True)
     browser.click_floor(4.0, 0.6)

@@ -484,8 +484,8 @@ class Editor:
             return
         if moving.poi.id not in graph.pois:
             self._let_go_of_deleted(moving)
-        else:
-            self.moving = moved_to(replace(moving, graph=graph), moving.place_m, self._model)
+        elif moving.draft is not graph:
+            self.moving = moved_to(replace(moving, draft=graph, graph=graph), moving.place_m, self._model)
 
     def _let_go_of_deleted(self, moving: Moving) -> None:
         self.escape_move()

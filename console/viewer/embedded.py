@@ -21,12 +21,13 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 import rich
 import viser
+import viser._assignable_props_api as assignable_props
 import viser._client_autobuild as client_autobuild
 import viser._messages as viser_messages
 import viser.infra._infra as viser_infra
 import websockets.exceptions
 from viser.infra._async_message_buffer import AsyncMessageBuffer
-from viser.infra._messages import Message
+from viser.infra._messages import Message, get_type_hints_cached
 
 from console.roles import SignedIn
 from console.viewer.guard import InboundGuard, Verdict
@@ -109,6 +110,8 @@ class EmbeddedViser:
             self.server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self._handler = captured[0]
         _send_in_portions(self.server._websock_server._broadcast_buffer)
+        # Viser reads the types of properties anew for each node, half of what a node costs: they stay the same.
+        vars(assignable_props)["get_type_hints"] = get_type_hints_cached
         for message in (viser_messages.ShareUrlRequest, viser_messages.ShareUrlDisconnect):
             self.server._websock_server.unregister_handler(message)
         self._running: dict[Connection, Future[None]] = {}
@@ -144,6 +147,10 @@ class EmbeddedViser:
         connection: Any = self.server._websock_server._live_connections[client.client_id]
         identity: SignedIn = connection.identity
         return identity
+
+    def is_open(self, client: viser.ClientHandle) -> bool:
+        """Whether a client is still connected: when it goes, viser ends its drags as if the mouse had been let go."""
+        return client.client_id in self.server._websock_server._live_connections
 
     def prefers_light(self, client: viser.ClientHandle) -> bool:
         """Whether the browser of a client asks for a light theme."""

@@ -15,6 +15,7 @@ import viser
 from console.viewer import appearance as look
 from console.viewer import meshes
 from console.viewer.appearance import DARK, Rgb, Theme
+from console.viewer.meshes import Placements
 from console.viewer.preview_layer import show_lines
 from console.viewer.tag import Tag
 from navcore.geometry import FloatArray
@@ -24,6 +25,8 @@ _EDGE_Z_M, _HALO_Z_M = 0.07, 0.04
 _EDGE_RADIUS_M = 0.08
 _MOVING_Z_M = 0.12
 _ARROW_SPACING_M = 1.6
+_NEW_TAGS_COUNT = 40
+"""Tags that are added at once: many take so long that other windows would wait for them."""
 _MOST_LENGTHS_COUNT = 150
 """With more edges than this, lengths are shown at the selected edge and while dragging alone."""
 
@@ -62,7 +65,10 @@ class GraphLayer:
         self._labelled: dict[str, Edge] = {}
         self._drawn_edges: tuple[Edge, ...] = ()
         self._drawn_selection: str | None = None
+        self._pieces: dict[str, tuple[Edge, list[Placements]]] = {}
         self.instances: list[str] = []
+        self.is_complete = False
+        """Whether all tags are there; else the next ``show`` adds more of them."""
         self._tubes: viser.BatchedMeshHandle | None = None
         self._arrows: viser.BatchedMeshHandle | None = None
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
@@ -101,6 +107,7 @@ class GraphLayer:
         )  # fmt: skip
         with self._client.atomic():
             self._show_tags(graph)
+            self.is_complete = len(self._tags) == len(graph.pois)
             self._show_halo(graph.pois.get(moving_id or highlight.poi_id or ""))
             self._show_still(still, highlight.edge_id)
             show_lines(self._moving, [np.array(edge.path_m) for edge in moving], _MOVING_Z_M)
@@ -110,9 +117,13 @@ class GraphLayer:
     def _show_tags(self, graph: PoiGraph) -> None:
         for poi_id in self._tags.keys() - graph.pois.keys():
             self._tags.pop(poi_id).remove()
+        room = _NEW_TAGS_COUNT
         for poi in graph.pois.values():
             tag = self._tags.get(poi.id)
+            if tag is None and room == 0:
+                continue
             if tag is None:
+                room -= 1
                 self._tags[poi.id] = Tag(self._client, poi, self._handlers.pick_poi, self._handlers.drag_poi)
             else:
                 tag.show(poi)
@@ -135,8 +146,7 @@ class GraphLayer:
         self._draw_arrows([edge for edge in edges if edge.one_way])
 
     def _draw_tubes(self, edges: tuple[Edge, ...], selected_id: str | None) -> None:
-        pieces = [(edge.id, meshes.along(piece, _EDGE_RADIUS_M, _EDGE_Z_M)) for edge in edges for piece in _cut(edge)]
-        pieces = [(edge_id, placed) for edge_id, placed in pieces if len(placed.positions_m)]
+        pieces = [(edge.id, placed) for edge in edges for placed in self._placed(edge)]
         self.instances = [edge_id for edge_id, placed in pieces for _ in placed.positions_m]
         if not pieces:
             if self._tubes is not None:
@@ -153,6 +163,14 @@ class GraphLayer:
             lod="off", material="toon3", cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
         self._tubes.on_click(self._on_edge_click)
+
+    def _placed(self, edge: Edge) -> list[Placements]:
+        """Return where the pieces of an edge stand, worked out once."""
+        known = self._pieces.get(edge.id)
+        if known is None or known[0] is not edge:
+            placed = [meshes.along(piece, _EDGE_RADIUS_M, _EDGE_Z_M) for piece in _cut(edge)]
+            known = self._pieces[edge.id] = edge, [each for each in placed if len(each.positions_m)]
+        return known[1]
 
     async def _on_edge_click(self, event: viser.SceneNodePointerEvent) -> None:  # type: ignore[type-arg]
         if event.instance_index is not None and 0 <= event.instance_index < len(self.instances):

@@ -23,17 +23,16 @@ class LabelLayer:
         """The graph has changed: arrange anew."""
         self._arranged_for = ()
 
-    def arrange(self, selected_id: str | None, with_lengths: bool, cue: LabelSpot | None) -> None:
-        """Make visible what can be read, ``cue`` before all else, then the selected place, then the others."""
+    def arrange(self, selected_id: str | None, with_lengths: bool, kept_clear: tuple[LabelSpot, ...]) -> None:
+        """Make visible what can be read beside ``kept_clear``: the selected place first, then the others."""
         camera = self._client.camera
-        seen = (camera.update_timestamp, with_lengths, cue)
+        seen = (camera.update_timestamp, with_lengths, kept_clear)
         if seen == self._arranged_for:
             return
         self._arranged_for = seen
         height_px = max(camera.image_height, 1)
         lens = Lens(camera.position, camera.wxyz, camera.fov, max(camera.image_width, 1), height_px)
-        spots = self._spots(selected_id, with_lengths)
-        shown = readable([*spots, cue] if cue is not None else spots, lens)
+        shown = readable([*self._spots(selected_id, with_lengths), *kept_clear], lens)
         with self._client.atomic():
             for key, tag in self._graph.tags.items():
                 tag.label.visible = f"poi {key}" in shown

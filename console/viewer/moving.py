@@ -24,6 +24,8 @@ class Moving:
     """As it was when it was taken up."""
     base_version: int
     """The draft's version then."""
+    draft: PoiGraph
+    """The draft that ``graph`` has been worked out on."""
     graph: PoiGraph
     place_m: FloorPoint
     refusal: str = ""
@@ -43,14 +45,14 @@ class Moving:
 def taken_up(poi: Poi, model: SiteModel) -> Moving:
     """Begin to move a place."""
     graph = model.graph
-    return Moving(poi, graph.version, graph, (poi.x_m, poi.y_m))
+    return Moving(poi, graph.version, graph, graph, (poi.x_m, poi.y_m))
 
 
 def moved_to(moving: Moving, point_m: FloorPoint, model: SiteModel) -> Moving:
     """Move it: along the road where it stands on one, and no farther than its edges can follow."""
     try:
         place_m = model.network.nearest(*point_m).xy_m if moving.poi.on_road else point_m
-        wanted = replace(moving, place_m=place_m, refusal="")
+        wanted = replace(moving, draft=model.graph, place_m=place_m, refusal="")
         return replace(wanted, graph=model.preview(wanted.edit))
     except VbrError as error:
         # Held at the last good place; said once, when the drag ends there.

@@ -13,11 +13,13 @@ from console.presence import Present
 from console.viewer import meshes
 from console.viewer.appearance import PEOPLE, Rgb
 from console.viewer.begun import FloorPoint, name_of
+from console.viewer.labels import LabelSpot
+from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import PoiGraph
 
 MAX_RINGS_COUNT = 12
 """More windows than this are named in the panel alone."""
-_RING_M = 0.66
+_RING_M, _NAME_SCALE = 0.66, 0.85
 _DOING = {"looking": "looks at", "editing": "edits", "dragging": "moves", "drawing": "draws"}
 
 
@@ -43,6 +45,15 @@ class PeopleLayer:
             if each.ring.visible
         ]
 
+    @property
+    def spots(self) -> tuple[LabelSpot, ...]:
+        """The names as other labels must keep clear of them."""
+        return tuple(
+            LabelSpot(f"person {number}", each.name.text, _as_place(each.name.position), 8, _NAME_SCALE)
+            for number, each in enumerate(self._rings)
+            if each.name.visible
+        )
+
     def show(self, others: Sequence[Present], graph: PoiGraph) -> None:
         """Draw what they have selected."""
         spots = [(present, place_of(present.thing, graph)) for present in others]
@@ -53,7 +64,7 @@ class PeopleLayer:
                     self._rings.append(self._add_ring(number))
                 each = self._rings[number]
                 each.ring.position = (*place, 0.05)
-                each.name.position = (place[0] + _RING_M + 0.1, place[1], 0.05)
+                each.name.position = (place[0], place[1] - _RING_M - 0.25, 0.05)
                 each.ring.color = colour_of(present.user_name)
                 each.name.text = present.user_name
                 each.ring.visible = each.name.visible = True
@@ -68,8 +79,13 @@ class PeopleLayer:
                 name, mesh.vertices_m, mesh.faces, color=PEOPLE[0], side="double", cast_shadow=False,
                 receive_shadow=False,
             ),
-            self._client.scene.add_label(f"{name}_name", "", anchor="center-left", font_screen_scale=0.85),
+            self._client.scene.add_label(f"{name}_name", "", anchor="center-center", font_screen_scale=_NAME_SCALE),
         )  # fmt: skip
+
+
+def _as_place(position: FloatArray) -> tuple[float, float, float]:
+    x_m, y_m, z_m = (float(part) for part in position)
+    return x_m, y_m, z_m
 
 
 def colour_of(user_name: str) -> Rgb:

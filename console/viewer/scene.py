@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -84,7 +85,8 @@ class Scene:
         except KeyError:
             return
         theme = LIGHT if self.embedded.prefers_light(client) else DARK
-        view = SessionView(client, person, self._services, self.bounds, self._colours, theme)
+        is_open = partial(self.embedded.is_open, client)
+        view = SessionView(client, person, self._services, self.bounds, self._colours, theme, is_open)
         loop = self.embedded.loop
 
         def asked(request: ViewRequest) -> None:

@@ -61,11 +61,13 @@ class SessionView:
         bounds: FloorBounds,
         colours: CloudColours,
         theme: Theme,
+        is_open: Callable[[], bool],
     ) -> None:
         self.client = client
         self.person = person
         self._services = services
         self._bounds = bounds
+        self._is_open = is_open
         self._last_pick_px: FloorPoint | None = None
         self._drawn: tuple[object, ...] = ()
         self._said: tuple[object, ...] = ()
@@ -89,7 +91,6 @@ class SessionView:
         self._add_shortcuts()
         if theme is LIGHT:
             self.set_theme(theme)
-        self.view_panel.fit_first_view()
         self.refresh()
 
     # ------------------------------------------------------------------------------------------------- panel
@@ -216,6 +217,10 @@ class SessionView:
         eye_m = self.client.camera.position
         ray = np.asarray(event.end_position) - eye_m
         point_m = floor_point(tuple(eye_m), tuple(ray), HEAD_Z_M)
+        if not self._is_open():
+            # Reloaded, or the connection is lost: nobody has let go of the place there.
+            self.editor.escape_move()
+            return
         if event.phase == "end":
             self.editor.drop(poi_id, point_m)
         else:
@@ -271,7 +276,8 @@ class SessionView:
         model, hub = self._services.model, self._services.hub
         was_moving = self.editor.moving
         self.editor.rest(hub.now_s())
-        if self._drawn != (model.graph.version, model.published.version) or was_moving is not self.editor.moving:
+        is_current = self._drawn == (model.graph.version, model.published.version) and self.graph.is_complete
+        if not is_current or was_moving is not self.editor.moving:
             self.refresh()
         self._say_presence()
         self._show_people()
@@ -281,8 +287,9 @@ class SessionView:
         if self.tuning_panel is not None:
             self.tuning_panel.tick(view.device)
         self.view_panel.tick(view)
-        self.labels.arrange(self.editor.poi.id if self.editor.poi else None, self.view_panel.lengths.value,
-                            self.live.cue_spot)  # fmt: skip
+        cue = self.live.cue_spot
+        kept_clear = (*self.people.spots, cue) if cue is not None else self.people.spots
+        self.labels.arrange(self.editor.poi.id if self.editor.poi else None, self.view_panel.lengths.value, kept_clear)
 
     # ---------------------------------------------------------------------------------------------- presence
     @property

@@ -76,15 +76,33 @@ SHORTCUTS: tuple[Shortcut, ...] = (
     Shortcut("propose", "Propose connections between neighbours", _CHANGE, "J"),
     Shortcut("publish", "Publish the map", _CHANGE),
     Shortcut("next_place", "Next place", _KEYBOARD, "N", is_editing=False, together="Next, previous place"),
-    Shortcut("previous_place", "Previous place", _KEYBOARD, "N", "shift", is_editing=False, together="Next, previous place"),
-    Shortcut("next_connection", "Next connection", _KEYBOARD, "C", is_editing=False, together="Next, previous connection"),
-    Shortcut("previous_connection", "Previous connection", _KEYBOARD, "C", "shift", is_editing=False, together="Next, previous connection"),
+    Shortcut(
+        "previous_place", "Previous place", _KEYBOARD, "N", "shift", is_editing=False, together="Next, previous place"
+    ),
+    Shortcut(
+        "next_connection", "Next connection", _KEYBOARD, "C", is_editing=False, together="Next, previous connection"
+    ),
+    Shortcut(
+        "previous_connection",
+        "Previous connection",
+        _KEYBOARD,
+        "C",
+        "shift",
+        is_editing=False,
+        together="Next, previous connection",
+    ),
     Shortcut("next_road", "Next road", _KEYBOARD, "R", is_editing=False, together="Next, previous road"),
-    Shortcut("previous_road", "Previous road", _KEYBOARD, "R", "shift", is_editing=False, together="Next, previous road"),
+    Shortcut(
+        "previous_road", "Previous road", _KEYBOARD, "R", "shift", is_editing=False, together="Next, previous road"
+    ),
     Shortcut("pick", "Click where the cross is", _KEYBOARD, "space"),
     *(
         Shortcut(
-            action, f"Move {metres} {where}", _KEYBOARD, key, modifier,
+            action,
+            f"Move {metres} {where}",
+            _KEYBOARD,
+            key,
+            modifier,
             together=f"Move the selected place, or the cross, by {metres}",
         )
         for near, far, where, key in _ARROW_KEYS

@@ -49,6 +49,7 @@ class ViewPanel:
         self._bounds = bounds
         self._cloud = cloud
         self.mode = CameraMode.FREE
+        self._is_first = True
         self._last_target_m: tuple[float, float] | None = None
         gui = client.gui
         camera = gui.add_button_group(
@@ -83,10 +84,13 @@ class ViewPanel:
         self._legend.visible = bool(rows)
         self._legend.content = legend_card(f"Colour: {colouring.value.lower()}", rows)
 
-    def fit_first_view(self) -> None:
+    def _fit_first_view(self) -> None:
         """Show the whole floor in this very window, unless its camera has been moved already (after a reconnect)."""
-        unmoved = (overview(self._bounds).position_m, _BEFORE_FIRST_M)
-        if any(np.allclose(self._client.camera.position, place, atol=0.05) for place in unmoved):
+        position_m = self._client.camera.position
+        if np.allclose(position_m, _BEFORE_FIRST_M, atol=0.05):
+            return
+        self._is_first = False
+        if np.allclose(position_m, overview(self._bounds).position_m, atol=0.05):
             self.overview()
 
     def overview(self) -> None:
@@ -111,6 +115,8 @@ class ViewPanel:
 
     def tick(self, view: LiveView) -> None:
         """Move the camera with the walker, where it follows."""
+        if self._is_first:
+            self._fit_first_view()
         state = view.state
         if self.mode is not CameraMode.FOLLOW or state is None or state.pose is None:
             return

@@ -23,6 +23,8 @@ from navcore.geometry import FloatArray
 from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
 IndexArray = NDArray[np.int64]
+_DETOUR_SHARE, _DETOUR_M = 2.0, 5.0
+"""A way along the road is first looked for that is not longer than this share of the straight line, and so much more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,17 +142,27 @@ class RoadNetwork:
         if a.segment == b.segment:
             path = np.array([a.xy_m, b.xy_m])
             return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
+        # Mostly the way is not much longer than the straight line: far from it nothing need be searched.
+        near_m = _DETOUR_SHARE * math.dist(a.xy_m, b.xy_m) + _DETOUR_M
+        piece = self._shortest_within(a, b, near_m) or self._shortest_within(a, b, math.inf)
+        if piece is None:
+            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
+        return piece
+
+    def _shortest_within(self, a: RoadPoint, b: RoadPoint, limit_m: float) -> RoadPiece | None:
+        """Return the shortest way from a to b; None where there is none, or it is longer than the limit."""
         starts, ends = self._ends(a), self._ends(b)
         distances, previous = dijkstra(
-            self.matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True
+            self.matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True, limit=limit_m
         )
         length_m, row, last = min(
             (start_m + float(distances[i, vertex]) + end_m, i, vertex)
             for i, (_, start_m) in enumerate(starts)
             for vertex, end_m in ends
         )
-        if not math.isfinite(length_m):
-            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
+        # What is longer than the limit may have a shorter way that was not searched.
+        if not math.isfinite(length_m) or length_m > limit_m:
+            return None
         inner = _walk_back(previous[row], last)
         return piece_of_path(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
 

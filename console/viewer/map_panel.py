@@ -96,7 +96,7 @@ class MapPanel:
         if editor.may_edit:
             for mode, button in self._modes.items():
                 button.color = "blue" if mode is editor.mode else "gray"
-            self._free.visible = editor.mode is Mode.TAG
+            self._free.visible = editor.mode is Mode.TAG and editor.begun is None
             self._accept.visible = isinstance(editor.begun, NewEdges | Drawing)
             self._more.options = (_PROPOSE, _PUBLISH if unpublished else _PUBLISHED)
         if self._conflict is not None and self._conflict.show():

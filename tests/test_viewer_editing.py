@@ -12,8 +12,7 @@ from viewer_fixtures import scene_over, services_of_crossing
 
 from console.edits import DeletePoi, MovePoi, UpdatePoi
 from console.services import Services
-from console.viewer.begun import NewEdges
-from console.viewer.editor import Mode
+from console.viewer.begun import Mode, NewEdges
 from console.viewer.scene import Scene
 
 

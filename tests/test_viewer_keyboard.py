@@ -17,8 +17,8 @@ from viewer_site import crossing_roads
 from console.edits import AddPoi
 from console.model import SiteModel
 from console.services import Services
-from console.viewer.editor import NUDGES_REST_S, Mode
-from console.viewer.moving import stepped
+from console.viewer.begun import Mode
+from console.viewer.moving import NUDGES_REST_S, stepped
 from console.viewer.scene import Scene
 from navcore.planning.road_edits import network_of, recorded_roads
 from navcore.planning.road_network import RoadNetwork

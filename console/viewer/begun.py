@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import enum
 import itertools
 import math
 from dataclasses import dataclass
@@ -10,6 +11,15 @@ from console.viewer.appearance import metres_text
 from navcore.planning.poi_graph import Edge, PoiGraph
 
 FloorPoint = tuple[float, float]
+
+
+class Mode(enum.Enum):
+    """What a click does."""
+
+    SELECT = "select"
+    TAG = "tag"
+    CONNECT = "connect"
+    DRAW = "draw"
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,6 +143,27 @@ class Drawing:
 
 
 Begun = NewPlace | PlaceOnEdge | EdgeFrom | NewEdges | MergePlace | TrimmedRoad | CutRoad | JoinedRoad | Drawing
+
+
+def hint_of(mode: Mode, graph: PoiGraph, *, may_edit: bool, is_free: bool) -> str:
+    """Return what to do next while nothing is begun; an empty map says how to begin."""
+    match mode:
+        case Mode.TAG:
+            where = "on the floor" if is_free else "on the road"
+            return f"Click {where} where the place is. Shift+click puts it off the road."
+        case Mode.CONNECT:
+            return "Click the two places to connect."
+        case Mode.DRAW:
+            return "Click on the floor where the road begins. Near another road it begins on it."
+    if not may_edit:
+        return "Click a place to see what it is."
+    if not graph.roads:
+        return "There is no road yet. Press 4 and draw one, or build the map from a recorded walk."
+    if not graph.pois:
+        return "No places yet. Press 2 and click on the road where the first one is."
+    if not graph.edges and len(graph.pois) > 1:
+        return "Nothing is connected yet. “Propose” joins all neighbours along the road."
+    return "Click a place, a connection or a road. Drag a place to move it. ? shows the keys."
 
 
 def name_of(graph: PoiGraph, poi_id: str) -> str:

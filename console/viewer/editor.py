@@ -6,9 +6,7 @@ change goes through the model; what the model refuses leaves everything as it wa
 
 from __future__ import annotations
 
-import enum
 from collections.abc import Callable, Collection
-from dataclasses import replace
 
 import numpy as np
 
@@ -25,14 +23,16 @@ from console.viewer.begun import (
     FloorPoint,
     JoinedRoad,
     MergePlace,
+    Mode,
     NewEdges,
     NewPlace,
     PlaceOnEdge,
     TrimmedRoad,
+    hint_of,
     things_gone,
 )
 from console.viewer.conflict import Conflict
-from console.viewer.moving import Moving, moved_to, stepped, taken_up
+from console.viewer.moving import Hand, Moving, Tell
 from navcore.errors import VbrError
 from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
@@ -41,19 +41,6 @@ from navcore.planning.road_edits import MEET_M
 
 MAX_SNAP_M = 1.0
 """A click farther from the road than this is no tag on it."""
-NUDGES_REST_S = 0.6
-"""Nudges that follow each other sooner than this are one edit."""
-Tell = Callable[[str, str], None]
-"""Shows a heading and a sentence to the person."""
-
-
-class Mode(enum.Enum):
-    """What a click does."""
-
-    SELECT = "select"
-    TAG = "tag"
-    CONNECT = "connect"
-    DRAW = "draw"
 
 
 class Editor:
@@ -67,17 +54,21 @@ class Editor:
         self.mode = Mode.SELECT
         self.selected: Thing | None = None
         self.begun: Begun | None = None
-        self.moving: Moving | None = None
+        self._hand = Hand(model, self._who, tell, self._apply)
         self.conflict: Conflict | None = None
         self.is_free = False
         """Whether new places stand where they are put, off the road."""
-        self._nudged_at_s: float | None = None
 
     # ------------------------------------------------------------------------------------------------ reading
     @property
     def graph(self) -> PoiGraph:
         """The graph to draw: the draft, or what it would be if the move ended here."""
         return self._model.graph if self.moving is None else self.moving.graph
+
+    @property
+    def moving(self) -> Moving | None:
+        """The move that is going on."""
+        return self._hand.moving
 
     @property
     def moving_id(self) -> str | None:
@@ -126,28 +117,11 @@ class Editor:
     @property
     def hint(self) -> str:
         """What to do next, in one sentence."""
+        if self.conflict is not None:
+            return "Two people have changed the same thing: choose which version stays."
         if self.begun is not None:
             return self.begun.hint(self._model.graph)
-        if self.mode is Mode.TAG:
-            where = "on the floor" if self.is_free else "on the road"
-            return f"Click {where} where the place is. Shift+click puts it off the road."
-        if self.mode is Mode.CONNECT:
-            return "Click the two places to connect."
-        if self.mode is Mode.DRAW:
-            return "Click on the floor where the road begins. Near another road it begins on it."
-        return self._hint_of_nothing()
-
-    def _hint_of_nothing(self) -> str:
-        graph = self._model.graph
-        if not self.may_edit:
-            return "Click a place to see what it is."
-        if not graph.roads:
-            return "There is no road yet. Press 4 and draw one, or build the map from a recorded walk."
-        if not graph.pois:
-            return "No places yet. Press 2 and click on the road where the first one is."
-        if not graph.edges and len(graph.pois) > 1:
-            return "Nothing is connected yet. “Propose” joins all neighbours along the road."
-        return "Click a place, a connection or a road. Drag a place to move it. ? shows the keys."
+        return hint_of(self.mode, self._model.graph, may_edit=self.may_edit, is_free=self.is_free)
 
     # --------------------------------------------------------------------------------------------- selecting
     def set_mode(self, mode: Mode) -> None:
@@ -165,7 +139,8 @@ class Editor:
     def escape(self) -> None:
         """Drop what was begun or is being moved; else leave the mode; else select nothing."""
         if self.begun is not None or self.moving is not None:
-            self.begun = self.moving = self._nudged_at_s = None
+            self.begun = None
+            self._hand.let_go()
         elif self.mode is not Mode.SELECT:
             self.mode = Mode.SELECT
         else:
@@ -413,20 +388,11 @@ class Editor:
     # ----------------------------------------------------------------------------------------------- moving
     def drag_to(self, poi_id: str, point_m: FloorPoint | None) -> None:
         """The place is being dragged over this point of the floor: it slides along the road, its edges follow."""
-        poi = self._model.graph.pois.get(poi_id)
         if not self.may_edit or self.mode is not Mode.SELECT:
             return
-        if self._nudged_at_s is not None or self.moving_id not in (None, poi_id):
-            self.put_down()
-        if self.moving is None:
-            if poi is None:
-                return
+        if self.moving_id != poi_id and poi_id in self._model.graph.pois:
             self.selected, self.begun = ("poi", poi_id), None
-            self.moving = taken_up(poi, self._model)
-        if poi is None:
-            self._let_go_of_deleted(self.moving)
-        elif point_m is not None:
-            self.moving = moved_to(self.moving, point_m, self._model)
+        self._hand.drag_to(poi_id, point_m)
 
     def drop(self, poi_id: str, point_m: FloorPoint | None) -> None:
         """The drag has ended: one edit, which one undo takes back."""
@@ -436,67 +402,28 @@ class Editor:
 
     def nudge(self, towards: FloorPoint, step_m: float, now_s: float) -> None:
         """Move the selected place by a step in a direction: along the road, or freely where it stands free."""
-        poi = self.poi
-        if poi is None or not self.may_edit:
-            return
-        if self.moving_id != poi.id:
-            self.put_down()
-            self.moving = taken_up(poi, self._model)
-        assert self.moving is not None
-        here = self.moving.place_m
-        target = (here[0] + step_m * towards[0], here[1] + step_m * towards[1])
-        if poi.on_road:
-            try:
-                target = stepped(self._model.network, here, towards, step_m)
-            except VbrError as error:
-                self._tell("Not moved", str(error))
-        self._nudged_at_s = now_s
-        self.moving = moved_to(self.moving, target, self._model)
+        if self.poi is not None and self.may_edit:
+            self._hand.nudge(self.poi, towards, step_m, now_s)
 
     def rest(self, now_s: float) -> None:
         """Time goes by: nudges that have come to rest become an edit."""
-        if self._nudged_at_s is not None and now_s - self._nudged_at_s >= NUDGES_REST_S:
-            self.put_down()
+        self._hand.rest(now_s)
 
     def put_down(self) -> None:
         """End a move where it is: an edit, where it has led anywhere."""
-        moving, self.moving, self._nudged_at_s = self.moving, None, None
-        if moving is None:
-            return
-        if moving.refusal:
-            self._tell("Not moved that far", moving.refusal)
-        if moving.has_moved:
-            self._apply(moving.edit, moving.base_version)
+        self._hand.put_down()
 
     def escape_move(self) -> None:
         """End a move as if it had never begun."""
-        self.moving = self._nudged_at_s = None
+        self._hand.let_go()
 
     def keep_up(self) -> None:
         """The draft has changed, by whomever: what is shown here and no longer there is let go of."""
-        graph = self._model.graph
-        if self.begun is not None and things_gone(self.begun, graph):
+        if self.begun is not None and things_gone(self.begun, self._model.graph):
             self.begun = None
         if self.selected is not None and self.poi is None and self.edge is None and self.road is None:
             self.selected = None
-        moving = self.moving
-        if moving is None:
-            return
-        if moving.poi.id not in graph.pois:
-            self._let_go_of_deleted(moving)
-        elif moving.draft is not graph:
-            self.moving = moved_to(replace(moving, draft=graph, graph=graph), moving.place_m, self._model)
-
-    def _let_go_of_deleted(self, moving: Moving) -> None:
-        self.escape_move()
-        who = "Somebody"
-        try:
-            self._model.apply(moving.edit, self._who, moving.base_version)
-        except EditConflictError as error:
-            who = error.details()["conflict"]["by"]
-        except VbrError:
-            pass
-        self._tell("Let go", f"{who} has deleted {moving.poi.name} meanwhile: the move has ended.")
+        self._hand.keep_up()
 
     # --------------------------------------------------------------------------------------------- internals
     def _finish(self, edit: Edit) -> bool:

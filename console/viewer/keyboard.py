@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from console.edits import Thing, ThingKind
-from console.viewer.begun import FloorPoint
-from console.viewer.editor import Editor, Mode
+from console.viewer.begun import FloorPoint, Mode
+from console.viewer.editor import Editor
 from console.viewer.people_layer import place_of
 
 CameraFloor = Callable[[], tuple[FloorPoint, FloorPoint]]

@@ -7,9 +7,9 @@ from functools import partial
 
 import viser
 
-from console.viewer.begun import Drawing, NewEdges, NewPlace
+from console.viewer.begun import Drawing, Mode, NewEdges, NewPlace
 from console.viewer.conflict import Conflict
-from console.viewer.editor import Editor, Mode
+from console.viewer.editor import Editor
 from console.viewer.line_forms import ConnectionForm, RoadForm
 from console.viewer.place_forms import Guide, NewPlaceForm, PlaceForm
 from console.viewer.widgets import Refresh, on_change, on_choice, on_press

@@ -21,10 +21,10 @@ from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
 from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
 from console.viewer.appearance import LIGHT, THEMES, Theme
-from console.viewer.begun import Drawing, FloorPoint
+from console.viewer.begun import Drawing, FloorPoint, Mode
 from console.viewer.cloud import FloorBounds
 from console.viewer.cloud_layer import CloudColours, CloudLayer
-from console.viewer.editor import Editor, Mode
+from console.viewer.editor import Editor
 from console.viewer.graph_layer import GraphHandlers, GraphLayer, Highlight
 from console.viewer.keyboard import Keyboard
 from console.viewer.label_layer import LabelLayer

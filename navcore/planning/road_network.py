@@ -23,8 +23,8 @@ from navcore.geometry import FloatArray
 from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
 IndexArray = NDArray[np.int64]
-_DETOUR_SHARE, _DETOUR_M = 2.0, 5.0
-"""A way along the road is first looked for that is not longer than this share of the straight line, and so much more."""
+_DETOUR_TIMES, _DETOUR_M = 2.0, 5.0
+"""A way along the road is first looked for no longer than so many times the straight line, and so much more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +143,7 @@ class RoadNetwork:
             path = np.array([a.xy_m, b.xy_m])
             return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
         # Mostly the way is not much longer than the straight line: far from it nothing need be searched.
-        near_m = _DETOUR_SHARE * math.dist(a.xy_m, b.xy_m) + _DETOUR_M
+        near_m = _DETOUR_TIMES * math.dist(a.xy_m, b.xy_m) + _DETOUR_M
         piece = self._shortest_within(a, b, near_m) or self._shortest_within(a, b, math.inf)
         if piece is None:
             raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")

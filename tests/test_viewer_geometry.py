@@ -15,7 +15,15 @@ from viewer_site import crossing_corridors, crossing_roads
 from console.viewer import meshes
 from console.viewer.appearance import KINDS
 from console.viewer.cloud import FOV_RAD, CameraView, FloorBounds, floor_bounds, overview, plan_view, shown_cloud
-from console.viewer.cloud_colours import Colouring, LocalizationGrade, by_height, by_localization, grades, legend
+from console.viewer.cloud_colours import (
+    Colouring,
+    LocalizationGrade,
+    by_height,
+    by_localization,
+    grades,
+    legend,
+    shaded,
+)
 from console.viewer.labels import LabelSpot, Lens, project, readable
 from navcore.geometry import FloatArray, quat_xyzw_from_rotation, rotation_from_quat_xyzw
 from navcore.planning.poi_graph import POI_KINDS
@@ -109,6 +117,14 @@ def test_colours_by_height_rise_from_the_floor_in_brightness() -> None:
     heights = np.column_stack([np.zeros(20), np.zeros(20), np.linspace(0.0, 2.2, 20)]).astype(np.float32)
     brightness = by_height(heights).astype(float) @ (0.2126, 0.7152, 0.0722)
     assert (np.diff(brightness) > 0).all()
+
+
+def test_shading_darkens_and_keeps_the_order_of_the_channels() -> None:
+    seen = np.array([[0, 0, 0], [255, 255, 255]], np.uint8)
+    dark, bright = shaded(np.array([[200, 100, 50]] * 2, np.uint8), seen)
+    assert tuple(bright) == pytest.approx((200, 100, 50), abs=1)
+    assert (dark < bright).all()
+    assert list(np.argsort(dark)) == list(np.argsort(bright))
 
 
 def test_each_colouring_but_the_seen_one_has_a_legend() -> None:

@@ -22,6 +22,8 @@ KEYFRAMES_COUNT = 3
 MAX_STD_M = 0.15
 """A key frame whose own position is less certain than this knows its place poorly."""
 _CELL_M = 0.25
+_SHADE = 0.6
+"""Share of the brightness that shade may take."""
 _ROW_COUNT = 1 << 32
 """More cells than there are in a row: a cell is one number."""
 
@@ -79,6 +81,12 @@ def by_localization(points_m: NDArray[np.float32], map_arrays: Mapping[str, NDAr
     cells = np.floor(points_m[:, :2] / _CELL_M).astype(np.int64)
     _, first, cell_of = np.unique(cells[:, 0] * _ROW_COUNT + cells[:, 1], return_index=True, return_inverse=True)
     return np.asarray(table[grades((cells[first] + 0.5) * _CELL_M, map_arrays)][cell_of.ravel()])
+
+
+def shaded(colours_rgb: Colours, seen_rgb: Colours) -> Colours:
+    """Return colours (n, 3) with some of the light and shade that was seen, so that surfaces can be told apart."""
+    grey = seen_rgb.astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32) / 255.0
+    return np.asarray(colours_rgb * (1.0 - _SHADE * (1.0 - grey[:, None])), dtype=np.uint8)
 
 
 def grades(places_m: FloatArray, map_arrays: Mapping[str, NDArray[Any]]) -> NDArray[np.int64]:

@@ -7,7 +7,7 @@ import viser
 from numpy.typing import NDArray
 
 from console.viewer.cloud import CloudPart, ShownCloud
-from console.viewer.cloud_colours import Colouring, Colours, by_height, by_localization
+from console.viewer.cloud_colours import Colouring, Colours, by_height, by_localization, shaded
 from navcore.site import Site
 
 
@@ -30,7 +30,7 @@ class CloudColours:
     def _coloured(self, part: CloudPart, colouring: Colouring) -> Colours:
         if colouring is Colouring.HEIGHT:
             return by_height(part.points_m)
-        return by_localization(part.points_m, self._site.map_arrays)
+        return shaded(by_localization(part.points_m, self._site.map_arrays), part.colours_rgb)
 
 
 class CloudLayer:

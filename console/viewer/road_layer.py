@@ -16,7 +16,8 @@ from console.viewer.appearance import DARK, Rgb, Theme
 from navcore.planning.poi_graph import Road
 from navcore.planning.road_network import RoadNetwork
 
-_BAND_Z_M, _LINE_Z_M = 0.015, 0.04
+# Above the points of the floor, below the connections.
+_BAND_Z_M, _LINE_Z_M = 0.045, 0.06
 _BAND_WIDTH_M = 0.34
 _DASH_M, _GAP_M = 0.5, 0.3
 _TOLERANCE_M = 0.02

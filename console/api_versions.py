@@ -11,6 +11,7 @@ from console.bodies import PresenceBody, VersionBody
 from console.edit_words import described
 from console.graph_delta import difference
 from console.model import SiteModel
+from console.presence import Present
 from console.requests import Visitor, json_response
 from console.services import Services
 
@@ -50,7 +51,13 @@ def add_routes(app: FastAPI, services: Services) -> None:
         else:
             thing = (body.kind, body.id) if body.kind is not None and body.id else None
             services.presence.say(visitor, body.window, "tables", body.doing, thing)
-        return json_response({"others": services.presence.others(visitor.user_name)})
+        others = services.presence.others(visitor.user_name)
+        return json_response({"others": [presence_view(window) for window in others]})
+
+
+def presence_view(window: Present) -> dict[str, Any]:
+    """Return what others may know of a window: its session's name is nobody's business."""
+    return {"user_name": window.user_name, "where": window.where, "doing": window.doing, "thing": window.thing}
 
 
 def versions_view(model: SiteModel) -> dict[str, Any]:

@@ -14,13 +14,35 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
-from console import api_accounts, api_devices, api_graph, api_recordings, api_versions, device_link, live_socket, pages
+from console import (
+    api_accounts,
+    api_devices,
+    api_exchange,
+    api_graph,
+    api_recordings,
+    api_rehearsal,
+    api_versions,
+    device_link,
+    live_socket,
+    pages,
+)
 from console.errors import BadRequestError, ConsoleError, NotFoundError
 from console.security import Guard, error_response
 from console.services import Services
 from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
+_ROUTES = (
+    api_accounts,
+    api_devices,
+    api_exchange,
+    api_graph,
+    api_recordings,
+    api_rehearsal,
+    api_versions,
+    device_link,
+    live_socket,
+)
 
 
 def app_of(services: Services) -> FastAPI:
@@ -44,7 +66,7 @@ def app_of(services: Services) -> FastAPI:
     app.add_exception_handler(VbrError, _refused)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(HTTPException, _http_error)
-    for module in (api_accounts, api_graph, api_versions, api_devices, api_recordings, live_socket, device_link):
+    for module in _ROUTES:
         module.add_routes(app, services)
     pages.add_routes(app)
     return app

@@ -7,6 +7,9 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
 
 from console.roles import Role
+from navcore.cues.directions import DirectionStyle
+from navcore.cues.table import Verbosity
+from navcore.cues.texts import Language
 
 Password = Annotated[str, Field(max_length=1000)]
 PersonName = Annotated[str, Field(min_length=1, max_length=200)]
@@ -78,6 +81,21 @@ class SayBody(_Body):
     """What the walker is told."""
 
     text: Annotated[str, Field(min_length=1, max_length=300)]
+
+
+class RehearsalBody(_Body):
+    """The way to rehearse, and how the walker is spoken to; None is the default of the settings."""
+
+    start: Annotated[str, Field(min_length=1, max_length=64)]
+    destination: Annotated[str, Field(min_length=1, max_length=64)]
+    language: Language | None = None
+    direction_style: DirectionStyle | None = None
+    verbosity: Verbosity | None = None
+
+    def cues(self) -> dict[str, str]:
+        """Return what is chosen of the settings of the cues."""
+        chosen = {"language": self.language, "direction_style": self.direction_style, "verbosity": self.verbosity}
+        return {name: value for name, value in chosen.items() if value is not None}
 
 
 class SettingsBody(_Body):

@@ -12,6 +12,7 @@ from typing import Any
 import msgspec
 from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
+from console.api_versions import presence_view
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S
 from console.live_panel import device_view
 from console.requests import signed_in
@@ -54,16 +55,7 @@ def panel_view(services: Services, who: str) -> dict[str, Any]:
     return {
         "draft_version": model.graph.version,
         "published_version": model.published.version,
-        "people": [
-            {
-                "name": window.user_name,
-                "where": window.where,
-                "doing": window.doing,
-                "thing": window.thing,
-                "you": window.user_name == who,
-            }
-            for window in services.presence.windows()
-        ],
+        "people": [presence_view(window) | {"you": window.user_name == who} for window in services.presence.windows()],
         "can_undo": model.can_undo(who),
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,

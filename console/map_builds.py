@@ -3,7 +3,7 @@
 ::
 
     FOLDER/
-      NAME-1/           the first map of a recording;  NAME-2: the one that was built of it later
+      NAME-1/           the first map of a recording;  NAME-2: the one that was built of it later; imported sites
       .building-…/      the one that is being built, with the recording unpacked
 
 A map is moved to its place in one step when it is complete. What was being built when the console ended is cleared away
@@ -114,25 +114,19 @@ class MapBuilds:
         work = Path(tempfile.mkdtemp(prefix=_PREFIX, dir=self.folder))
         try:
             unpack_recording(stored.file, work / "recording", MAX_RECORDING_BYTES)
-            name = f"{plain_name(offer)}-{offer.sha256[:8]}"
+            name = f"{plain_name(offer.name)}-{offer.sha256[:8]}"
             if not self._building.build(
                 work / "recording", work / "site", offer.name, offer.date, self._note_percent, self._max_build_s
             ):
                 return BuiltMap("failed", who, reason=_BROKEN_OFF)
             report = read_manifest(work / "site").report
             sync_tree(work / "site")
-            return BuiltMap("built", who, self._put_in_place(work / "site", name), report=report)
+            return BuiltMap("built", who, put_in_place(work / "site", self.folder, name).name, report=report)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
     def _note_percent(self, percent: int) -> None:
         self._percent = percent
-
-    def _put_in_place(self, site: Path, name: str) -> str:
-        """Give a complete site the first name that is free."""
-        folder = next(free for n in itertools.count(1) if not (free := self.folder / f"{name}-{n}").exists())
-        os.rename(site, folder)
-        return folder.name
 
     def _clear_up(self) -> None:
         for work in self.folder.glob(f"{_PREFIX}*"):
@@ -142,3 +136,10 @@ class MapBuilds:
                 with contextlib.suppress(VbrError):
                     broken_off = BuiltMap("failed", stored.entry.map.by, reason=_BROKEN_OFF)
                     self._recordings.note_map(stored.entry.offer.sha256, broken_off)
+
+
+def put_in_place(site: Path, folder: Path, name: str) -> Path:
+    """Give a complete site the first name in a folder that is free, and return where it is. Raises OSError."""
+    target = next(free for n in itertools.count(1) if not (free := folder / f"{name}-{n}").exists())
+    os.rename(site, target)
+    return target

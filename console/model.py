@@ -27,7 +27,7 @@ from console.graph_log import OWN_KINDS, EntryKind, GraphLog, LogEntry, Publicat
 from navcore.errors import VbrError
 from navcore.planning.edits import validate
 from navcore.planning.poi_graph import PoiGraph, Road
-from navcore.planning.road_edits import network_of, recorded_roads
+from navcore.planning.road_edits import network_of, recorded_roads, without_road
 from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, save_poi_graph
 
@@ -159,12 +159,15 @@ class SiteModel:
             delta = difference(self._graph, evaluate(edit, self._graph, self.network))
             return self._make("edit", who, delta, edit=edit)
 
-    def replace(self, graph: PoiGraph, who: str, why: str = "") -> PoiGraph:
+    def replace(self, graph: PoiGraph, who: str, why: str = "", base_version: int | None = None) -> PoiGraph:
         """Put another graph in the draft's place, as one change that one undo takes back; return the new draft.
 
-        A graph without roads lies on those that are there. Raises InputError where the graph breaks a law.
+        A graph without roads lies on those that are there. Raises InputError where the graph breaks a law, and
+        ConflictError where the draft is not the version ``base_version`` any more: that change would be lost.
         """
         with self._lock:
+            if base_version not in (None, self._graph.version):
+                raise ConflictError("The draft was changed meanwhile: look again at what would change.")
             whole = graph if graph.roads else msgspec.structs.replace(graph, roads=self._graph.roads)
             validate(whole)
             return self._make("import", who, difference(self._graph, whole), why=why)
@@ -244,6 +247,8 @@ class SiteModel:
     ) -> LogEntry:
         version = self._graph.version + 1 if version is None else version
         changed = apply_delta(self._graph, delta, version)
+        if kind in ("undo", "redo"):
+            self._refuse_off_road(changed, delta)
         entry = LogEntry(version, kind, who, self._now_s(), delta, edit, target_version, why)
         self._log.append(entry)
         self._take(entry, changed)
@@ -269,6 +274,13 @@ class SiteModel:
             except VbrError:
                 yours = None
             raise EditConflictError(thing, entry, self._graph, yours)
+
+    def _refuse_off_road(self, changed: PoiGraph, delta: GraphDelta) -> None:
+        """What comes back, or stands where a road goes, must have its road."""
+        network = self._network_of(changed)
+        pois, edges = (changed.pois, changed.edges) if delta.roads else (delta.pois, delta.edges)
+        if (name := without_road(changed, network, pois, edges)) is not None:
+            raise ConflictError(f"{name} would be left without a road, which was changed meanwhile: change it by hand.")
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:
         roads, network = self._network

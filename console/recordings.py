@@ -79,14 +79,14 @@ class StoredRecording:
     have_bytes: int
 
 
-def plain_name(offer: RecordingOffer) -> str:
-    """Return what a recording is called, as far as that makes a name of a file."""
-    return re.sub(r"[^A-Za-z0-9]+", "-", offer.name).strip("-")[:_NAME_LENGTH].lower() or "recording"
+def plain_name(name: str, otherwise: str = "recording") -> str:
+    """Return a name as far as it makes one of a file: letters, digits and hyphens."""
+    return re.sub(r"[^A-Za-z0-9]+", "-", name).strip("-")[:_NAME_LENGTH].lower() or otherwise
 
 
 def file_name(offer: RecordingOffer) -> str:
     """Return the name of the file of a recording; its whole checksum is in it, so no other has the same."""
-    return f"{plain_name(offer)}-{offer.sha256}{_SUFFIXES[offer.kind]}"
+    return f"{plain_name(offer.name)}-{offer.sha256}{_SUFFIXES[offer.kind]}"
 
 
 class Recordings:

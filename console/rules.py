@@ -10,6 +10,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from console.roles import EDITING, MANAGING, MAPPING, SIGNED_IN, TUNING, Role
+from navcore.graph_import import MAX_GRAPH_FILE_BYTES
+from navcore.site_archive import MAX_ARCHIVE_BYTES
+
+MAX_BODY_BYTES = 256 << 10
+"""A request's body is no larger, where its rule does not say otherwise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +24,8 @@ class Rule:
     who: Literal["anyone", "people", "devices"]
     roles: frozenset[Role] = frozenset()
     """Of people."""
+    max_body_bytes: int = MAX_BODY_BYTES
+    """A larger body is refused, before it is read where it says how long it is."""
 
     def permits(self, role: Role | None) -> bool:
         """Say whether somebody of this role (None: not signed in) may call it."""
@@ -64,6 +71,12 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/redo"): EDITORS,
     ("POST", "/api/publish"): EDITORS,
     ("POST", "/api/view"): EVERYBODY,
+    # Export and import.
+    ("GET", "/api/export/{what}"): MAPPERS,
+    ("POST", "/api/import/graph"): Rule("people", EDITING, MAX_GRAPH_FILE_BYTES),
+    ("POST", "/api/import/site"): Rule("people", MAPPING, MAX_ARCHIVE_BYTES),
+    ("POST", "/api/rehearsals"): EVERYBODY,
+    ("GET", "/api/rehearsals/sounds/{key}"): EVERYBODY,
     # The 3D scene.
     ("GET", "/viewer/scene/"): EVERYBODY,
     ("WS", "/viewer/scene"): EVERYBODY,

@@ -22,15 +22,15 @@ from starlette.websockets import WebSocketClose
 
 from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError
 from console.roles import SignedIn
-from console.rules import RULES, Rule
+from console.rules import MAX_BODY_BYTES, RULES, Rule
 from console.services import Services
 
 _log = logging.getLogger(__name__)
-MAX_BODY_BYTES = 256 << 10
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 PAGE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; connect-src 'self'; "
-    "frame-src 'self'; manifest-src 'self'; form-action 'self'; base-uri 'none'; frame-ancestors 'none'"
+    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; media-src 'self'; "
+    "connect-src 'self'; frame-src 'self'; manifest-src 'self'; form-action 'self'; base-uri 'none'; "
+    "frame-ancestors 'none'"
 )
 """Content-Security-Policy of our own pages; a route that sets its own (the scene's page) keeps it."""
 _HEADERS = {
@@ -79,33 +79,36 @@ class Guard:
         connection = HTTPConnection(scope)
         sender = _with_headers(send, self._services.config.uses_tls) if scope["type"] == "http" else send
         try:
-            await self._admit(connection)
+            max_body_bytes = await self._admit(connection)
         except ConsoleError as error:
             await _refusal(connection, error)(scope, receive, sender)
             return
-        await self._app(scope, _bounded(receive) if scope["type"] == "http" else receive, sender)
+        await self._app(scope, _bounded(receive, max_body_bytes) if scope["type"] == "http" else receive, sender)
 
-    async def _admit(self, connection: HTTPConnection) -> None:
+    async def _admit(self, connection: HTTPConnection) -> int:
+        """Return how many bytes the body may have."""
         self._check_host(connection)
-        _check_length(int(length) if (length := connection.headers.get("content-length", "")).isdigit() else 0)
         method, path = _route_of(connection.scope)
+        rule = self._rules.get((method, path)) if path is not None else None
+        max_body_bytes = rule.max_body_bytes if rule is not None else MAX_BODY_BYTES
+        length = connection.headers.get("content-length", "")
+        _check_length(int(length) if length.isdigit() else 0, max_body_bytes)
         state = connection.scope.setdefault("state", {})
         state["visitor"] = visitor = await self._find_visitor(connection)
         state["device_name"] = None
         if path is None:
             # No route: the application answers 404, or 405.
             _check_origin(connection, method)
-            return
-        rule = self._rules.get((method, path))
+            return max_body_bytes
         if rule is None:
             _log.error("The route %s %s has no rule in console.rules: it is refused.", method, path)
             raise ForbiddenError("Nobody may do this: the route has no rule.")
         if rule.who == "devices":
             state["device_name"] = await self._find_device(connection)
-            return
+            return max_body_bytes
         _check_origin(connection, method)
         if rule.permits(visitor.role if visitor else None):
-            return
+            return max_body_bytes
         if visitor is None:
             raise SignInError("Sign in first: nobody is signed in here, or the session is over.")
         raise ForbiddenError(f"Your role ({visitor.role}) does not permit this: ask an admin.")
@@ -148,12 +151,13 @@ def _check_origin(connection: HTTPConnection, method: str) -> None:
         raise ForbiddenError("This was not sent by a page of this console: open the console and try there.")
 
 
-def _check_length(length: int) -> None:
-    if length > MAX_BODY_BYTES:
-        raise TooLargeError(f"This is too large: the console takes {MAX_BODY_BYTES >> 10} KiB at a time.")
+def _check_length(length: int, max_bytes: int) -> None:
+    if length > max_bytes:
+        most = f"{max_bytes >> 20} MiB" if max_bytes >= 1 << 20 else f"{max_bytes >> 10} KiB"
+        raise TooLargeError(f"This is too large: the console takes {most} at a time here.")
 
 
-def _bounded(receive: Receive) -> Receive:
+def _bounded(receive: Receive, max_bytes: int) -> Receive:
     """Bound what comes without saying beforehand how long it is."""
     received = 0
 
@@ -161,7 +165,7 @@ def _bounded(receive: Receive) -> Receive:
         nonlocal received
         message = await receive()
         received += len(message.get("body", b""))
-        _check_length(received)
+        _check_length(received, max_bytes)
         return message
 
     return receive_bounded

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from console.accounts import Accounts
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
+from console.exports import Exports
 from console.hub import DeviceHub
 from console.live import Command
 from console.map_builds import MapBuilds
@@ -14,6 +15,8 @@ from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
 from console.presence import Presence
 from console.recordings import Recordings
+from console.rehearsals import Rehearsals, Sounds
+from console.site_imports import SiteImports
 from console.sockets import SessionSockets
 from console.store import Store
 from console.tuning import Tuning
@@ -43,6 +46,14 @@ class Services:
     """What devices have sent."""
     builds: MapBuilds
     """Maps that are built of these."""
+    site_imports: SiteImports
+    """Sites that come in as archives."""
+    exports: Exports
+    """Files to download."""
+    rehearsals: Rehearsals
+    """Ways walked by nobody, to hear what would be said."""
+    sounds: Sounds
+    """How that sounds."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -69,6 +80,21 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     return Services(
-        config, store, accounts, devices, model, hub, Presence(hub.now_s), views, sockets, package, tuning, recordings,
-        builds,
-    )  # fmt: skip
+        config=config,
+        store=store,
+        accounts=accounts,
+        devices=devices,
+        model=model,
+        hub=hub,
+        presence=Presence(hub.now_s),
+        views=views,
+        sockets=sockets,
+        package=package,
+        tuning=tuning,
+        recordings=recordings,
+        builds=builds,
+        site_imports=SiteImports(builds.folder),
+        exports=Exports(model, config.site_folder, config.data_folder),
+        rehearsals=Rehearsals(hub.now_s),
+        sounds=Sounds(),
+    )

@@ -16,6 +16,7 @@ _MODULES = (
     "device_agent.doctor_command",
     "device_agent.logs_command",
     "device_agent.map_commands",
+    "device_agent.rehearse_command",
     "device_agent.simulation_commands",
     "device_agent.walks_command",
     "device_agent.maintenance_commands",

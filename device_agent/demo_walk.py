@@ -21,8 +21,8 @@ def walk_figures(arguments: argparse.Namespace, site_folder: Path) -> dict[str, 
     from device_agent.places import find_place
     from device_agent.recording.recorder import WalkRecorder
     from device_agent.simulation.office_floor import office_floor
-    from device_agent.speech import Speech
     from device_agent.walk import run_walk
+    from navcore.espeak import Speech
 
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     site = load_site(site_folder)

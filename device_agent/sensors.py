@@ -18,8 +18,8 @@ from device_agent.device_options import DeviceOptions
 from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
 from device_agent.sensor_names import SensorName
 from device_agent.simulation.pace import PacedCamera, PacedClock
-from device_agent.speech import Speech
 from navcore.errors import InputError
+from navcore.espeak import Speech
 from navcore.fisheye_recording import read_fisheye_camera
 from navcore.recording import open_recording
 from navcore.settings import Settings

@@ -9,7 +9,7 @@ from device_agent.ports import CueOutput
 from device_agent.state import DeviceState, Notice
 from device_agent.states import may_be_told
 from navcore.cues.bus import CueBus
-from navcore.cues.memory import CueMemory
+from navcore.cues.memory import AT_REST, CueMemory
 from navcore.cues.speech import cues_for, forget, repeat_last, say
 from navcore.cues.table import Cue, CueKind
 from navcore.modes import Mode
@@ -35,8 +35,7 @@ class Voice:
         self._output = output
         self._watchdog_stops = watchdog_stops
         self._stops_heard = watchdog_stops()
-        # Nobody walks at the start: "stop" is no news then.
-        self._memory = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
+        self._memory = AT_REST
         self.last_spoken: Cue | None = None
         """The last cue with words."""
 

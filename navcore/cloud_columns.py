@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 MAX_POINTS = 50_000_000
+PIECE_ROWS = 1 << 16
+"""So many points of a file are made at a time."""
 MAX_COORDINATE_M = 100_000.0
 _COLOUR_NAMES = (("red", "green", "blue"), ("diffuse_red", "diffuse_green", "diffuse_blue"), ("r", "g", "b"))
 

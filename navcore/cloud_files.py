@@ -44,9 +44,10 @@ def write_cloud(path: Path, points_m: NDArray[np.float32], colours_rgb: NDArray[
     The name's ending says which form. Raises InputError for another ending, or where the file cannot be written.
     """
     refuse_unknown_form(path)
-    encode = ply_files.encode if path.suffix.lower() == ".ply" else pcd_files.encode
+    encoded = ply_files.encoded if path.suffix.lower() == ".ply" else pcd_files.encoded
     try:
-        path.write_bytes(encode(points_m, colours_rgb))
+        with path.open("wb") as out:
+            out.writelines(encoded(points_m, colours_rgb))
     except OSError as error:
         raise InputError(f"{path} cannot be written ({error.strerror}): name another file.") from error
 

@@ -5,6 +5,7 @@ See https://pointclouds.org/documentation/tutorials/pcd_file_format.html. Colour
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 
 from navcore.cloud_columns import (
     MAX_POINTS,
+    PIECE_ROWS,
     Columns,
     colours_from_bits,
     colours_of,
@@ -40,18 +42,21 @@ class _Header:
     """Where the header ends."""
 
 
-def encode(points_m: NDArray[np.float32], colours_rgb: NDArray[np.uint8]) -> bytes:
-    """Return a binary file of points (n, 3) and colours (n, 3)."""
+def encoded(points_m: NDArray[np.float32], colours_rgb: NDArray[np.uint8]) -> Iterator[bytes]:
+    """Return a binary file of points (n, 3) and colours (n, 3), piece by piece."""
     count = len(points_m)
     header = (
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\nFIELDS x y z rgb\nSIZE 4 4 4 4\nTYPE F F F F\n"
         f"COUNT 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {count}\nDATA binary\n"
     )
-    rows = np.empty((count, 4), "<u4")
-    rows[:, :3] = np.ascontiguousarray(points_m, dtype="<f4").view("<u4")
-    wide = colours_rgb.astype(np.uint32)
-    rows[:, 3] = (wide[:, 0] << 16) | (wide[:, 1] << 8) | wide[:, 2]
-    return header.encode("ascii") + rows.tobytes()
+    yield header.encode("ascii")
+    for begin in range(0, count, PIECE_ROWS):
+        points = points_m[begin : begin + PIECE_ROWS]
+        wide = colours_rgb[begin : begin + PIECE_ROWS].astype(np.uint32)
+        rows = np.empty((len(points), 4), "<u4")
+        rows[:, :3] = np.ascontiguousarray(points, dtype="<f4").view("<u4")
+        rows[:, 3] = (wide[:, 0] << 16) | (wide[:, 1] << 8) | wide[:, 2]
+        yield rows.tobytes()
 
 
 def decode(data: bytes) -> Columns:

@@ -5,13 +5,14 @@ See http://paulbourke.net/dataformats/ply; CloudCompare, MeshLab, Open3D and Ble
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from navcore.cloud_columns import MAX_POINTS, Columns, colours_of, rows_from_bytes, table_from_text
+from navcore.cloud_columns import MAX_POINTS, PIECE_ROWS, Columns, colours_of, rows_from_bytes, table_from_text
 
 MAX_HEADER_BYTES = 65_536
 _TYPES = {
@@ -31,18 +32,21 @@ class _Element:
     has_lists: bool = False
 
 
-def encode(points_m: NDArray[np.float32], colours_rgb: NDArray[np.uint8]) -> bytes:
-    """Return a binary little-endian file of points (n, 3) and colours (n, 3)."""
+def encoded(points_m: NDArray[np.float32], colours_rgb: NDArray[np.uint8]) -> Iterator[bytes]:
+    """Return a binary little-endian file of points (n, 3) and colours (n, 3), piece by piece."""
     row = np.dtype([(name, "<f4") for name in "xyz"] + [(name, "u1") for name in ("red", "green", "blue")])
-    rows = np.empty(len(points_m), row)
-    for axis, name in enumerate("xyz"):
-        rows[name] = points_m[:, axis]
-    for channel, name in enumerate(("red", "green", "blue")):
-        rows[name] = colours_rgb[:, channel]
     properties = [f"property float {name}" for name in "xyz"]
     properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *properties, "end_header"]
-    return ("\n".join(header) + "\n").encode("ascii") + rows.tobytes()
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(points_m)}", *properties, "end_header"]
+    yield ("\n".join(header) + "\n").encode("ascii")
+    for begin in range(0, len(points_m), PIECE_ROWS):
+        points, colours = points_m[begin : begin + PIECE_ROWS], colours_rgb[begin : begin + PIECE_ROWS]
+        rows = np.empty(len(points), row)
+        for axis, name in enumerate("xyz"):
+            rows[name] = points[:, axis]
+        for channel, name in enumerate(("red", "green", "blue")):
+            rows[name] = colours[:, channel]
+        yield rows.tobytes()
 
 
 def decode(data: bytes) -> Columns:

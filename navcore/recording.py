@@ -249,12 +249,17 @@ def read_marks(path: Path) -> tuple[Mark, ...]:
 def write_trajectory(path: Path, stamped_poses: Iterable[tuple[float, Transform]], comment: str = "") -> None:
     """Write poses (``map_from_camera`` unless the comment says otherwise) in the TUM format."""
     with path.open("w", encoding="utf-8", newline="\n") as out:
-        for line in comment.splitlines():
-            out.write(f"# {line}\n")
-        out.write("# t tx ty tz qx qy qz qw\n")
-        for stamp_s, pose in stamped_poses:
-            numbers = [*pose.translation.tolist(), *pose.quat_xyzw.tolist()]
-            out.write(f"{stamp_s:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n")
+        out.writelines(trajectory_lines(stamped_poses, comment))
+
+
+def trajectory_lines(stamped_poses: Iterable[tuple[float, Transform]], comment: str = "") -> Iterator[str]:
+    """Return the lines of a trajectory in the TUM format."""
+    for line in comment.splitlines():
+        yield f"# {line}\n"
+    yield "# t tx ty tz qx qy qz qw\n"
+    for stamp_s, pose in stamped_poses:
+        numbers = [*pose.translation.tolist(), *pose.quat_xyzw.tolist()]
+        yield f"{stamp_s:.6f} " + " ".join(f"{number:.7f}" for number in numbers) + "\n"
 
 
 def write_pictures(folder: Path, frame: Frame, depth_factor: float) -> str:

@@ -59,7 +59,7 @@ from navcore.types import CameraIntrinsics
 MAX_PACKAGE_BYTES = MAX_SITE_BYTES
 MAX_COORDINATE_M = 100_000.0
 _FOLDERS = ("map", "road", "cloud")
-_GRAPH_FILE = "poi_graph.json"
+GRAPH_FILE = "poi_graph.json"
 _CLOUD_FORMS: dict[str, tuple[type, int]] = {
     "points_m": (np.float32, 2),
     "colours_rgb": (np.uint8, 2),
@@ -206,7 +206,7 @@ def map_checksum(folder: Path) -> str:
 
 def load_poi_graph(folder: Path) -> PoiGraph:
     """Read the published PoI-graph; an empty one where none has been published. Raises SiteError."""
-    path = folder / _GRAPH_FILE
+    path = folder / GRAPH_FILE
     if not path.exists():
         return PoiGraph()
     try:
@@ -238,7 +238,7 @@ def save_poi_graph(graph: PoiGraph, folder: Path) -> None:
     """Replace the published PoI-graph of a site in one step."""
     raw = msgspec.to_builtins(graph)
     sealed = {"sha256": _graph_checksum(raw), **raw}
-    write_whole(folder / _GRAPH_FILE, msgspec.json.format(msgspec.json.encode(sealed), indent=1))
+    write_whole(folder / GRAPH_FILE, msgspec.json.format(msgspec.json.encode(sealed), indent=1))
 
 
 def pack_site(folder: Path) -> bytes:
@@ -246,8 +246,8 @@ def pack_site(folder: Path) -> bytes:
     recover(folder)
     manifest = read_manifest(folder)
     names = [MANIFEST, *sorted(manifest.files)]
-    if (folder / _GRAPH_FILE).exists():
-        names.append(_GRAPH_FILE)
+    if (folder / GRAPH_FILE).exists():
+        names.append(GRAPH_FILE)
     out = io.BytesIO()
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as package:
         for name in names:

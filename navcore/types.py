@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from navcore.angles import RelativeAngle, WorldAngle
 from navcore.errors import InputError
 from navcore.geometry import FloatArray, Transform, heading_of_camera
+from navcore.planning.poi_graph import CautionSide
 
 ImageRgb = NDArray[np.uint8]
 """Colour image (height, width, 3), red first."""
@@ -241,6 +242,10 @@ class RoutePiece:
     edge_start_m: float
     """Arc length along the edge, counted from its PoI a, at which it begins; more than ``edge_end_m`` from b to a."""
     edge_end_m: float
+    caution_side: CautionSide = "none"
+    """On which side something asks for caution, as this piece is walked."""
+    width_m: float | None = None
+    """Free width of the passage; None where nobody has measured it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -263,11 +268,18 @@ class Route:
 
     def on_edge(self, distance_m: float) -> tuple[str, float] | None:
         """Return the edge at an arc length along the route, and the arc length along that edge; None if unknown."""
+        piece = self.piece_at(distance_m)
+        if piece is None:
+            return None
+        share = (distance_m - piece.start_m) / max(piece.end_m - piece.start_m, 1e-9)
+        span_m = piece.edge_end_m - piece.edge_start_m
+        return piece.edge_id, piece.edge_start_m + min(max(share, 0.0), 1.0) * span_m
+
+    def piece_at(self, distance_m: float) -> RoutePiece | None:
+        """Return the piece at an arc length along the route, beyond its end the last one; None if unknown."""
         for piece in self.pieces:
             if distance_m <= piece.end_m or piece is self.pieces[-1]:
-                share = (distance_m - piece.start_m) / max(piece.end_m - piece.start_m, 1e-9)
-                span_m = piece.edge_end_m - piece.edge_start_m
-                return piece.edge_id, piece.edge_start_m + min(max(share, 0.0), 1.0) * span_m
+                return piece
         return None
 
 

@@ -171,7 +171,7 @@ def test_no_damage_does_anything_but_be_refused(data: st.DataObject) -> None:
     points = rng.normal(size=(4, 3)).astype(np.float32)
     colours = rng.integers(0, 256, (4, 3)).astype(np.uint8)
     module = data.draw(st.sampled_from([ply_files, pcd_files]))
-    content = bytearray(module.encode(points, colours))
+    content = bytearray(b"".join(module.encoded(points, colours)))
     for _ in range(data.draw(st.integers(1, 4))):
         content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     cut = data.draw(st.integers(0, len(content)))

@@ -380,7 +380,7 @@ def test_a_published_graph_reaches_the_device_at_once_or_when_it_comes(
     server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
     admin.http.post("/api/publish").raise_for_status()
     graph = device.next(PublishGraph).graph
-    assert graph == server.services.model.published
+    assert graph == server.services.model.for_devices
     device.send(GraphRunning(graph.version))
     until(server.services.hub, lambda d: d.graph_version == graph.version)
     late = DialledDevice(server.ready.url, token_for(admin, "Late"), hello_of(server, "late", graph_version=1))

@@ -2,35 +2,50 @@
 
 from __future__ import annotations
 
+import sqlite3
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from console_room import first_admin, invited, serving
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from console.edit_conflict import EditConflictError
 from console.edits import (
     AddEdge,
     AddPoi,
     DeleteEdge,
     DeletePoi,
+    DeleteRoad,
+    DrawRoad,
     Edit,
+    JoinRoads,
+    MergePois,
     MovePoi,
     ProposeEdges,
     SetEdge,
+    SmoothRoad,
+    SplitEdge,
+    SplitRoad,
+    TrimRoad,
     UpdatePoi,
+    evaluate,
+    touched,
 )
-from console.errors import ConflictError
+from console.errors import ConflictError, NotFoundError
 from console.graph_delta import apply_delta, difference
 from console.graph_log import MemoryGraphLog
 from console.graph_store import StoredGraphLog
 from console.model import SiteModel
-from console.store import Store
+from console.store import DATABASE_FILE, Store
 from console.view_requests import FlyToPoint
-from navcore.errors import VbrError
+from navcore.errors import InputError, VbrError
 from navcore.planning.edits import validate
 from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.road_edits import network_of, without_road
+from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, load_poi_graph, save_site
 
 PEOPLE = ("Ada", "Bob")
@@ -49,13 +64,44 @@ def floor_site() -> Site:
 
 SITE = floor_site()
 IDS = st.sampled_from(["door", "door-2", "bar", "lift", "e1", "e2", "e3"])
+ROADS = st.sampled_from(["r1", "r2", "r3", "r4"])
 PLACES = st.tuples(st.floats(-1, 9), st.floats(-1, 9))
+
+
+def road_edits() -> st.SearchStrategy[Edit]:
+    return st.one_of(
+        st.builds(lambda a, b: DrawRoad((a, b)), PLACES, PLACES),
+        st.builds(TrimRoad, ROADS, PLACES, PLACES),
+        st.builds(SmoothRoad, ROADS),
+        st.builds(SplitRoad, ROADS, PLACES),
+        st.builds(JoinRoads, ROADS, ROADS),
+        st.builds(DeleteRoad, ROADS),
+    )
 
 
 @st.composite
 def edits(draw: st.DrawFn) -> Edit:
     kind = draw(
-        st.sampled_from(["add", "add", "add", "move", "move", "name", "delete", "join", "cut", "set", "all", "all"])
+        st.sampled_from(
+            [
+                "add",
+                "add",
+                "add",
+                "move",
+                "move",
+                "name",
+                "delete",
+                "join",
+                "cut",
+                "set",
+                "all",
+                "all",
+                "merge",
+                "split",
+                "road",
+                "road",
+            ]
+        )
     )
     x_m, y_m = draw(PLACES)
     match kind:
@@ -72,12 +118,22 @@ def edits(draw: st.DrawFn) -> Edit:
         case "cut":
             return DeleteEdge(draw(IDS))
         case "set":
-            return SetEdge(draw(IDS), closed=draw(st.booleans()))
+            return SetEdge(draw(IDS), closed=draw(st.booleans()), turned=draw(st.booleans()))
+        case "merge":
+            return MergePois(draw(IDS), draw(IDS))
+        case "split":
+            return SplitEdge(draw(IDS), x_m, y_m, "Lift")
+        case "road":
+            return draw(road_edits())
         case _:
             return ProposeEdges()
 
 
 STEPS = st.lists(st.tuples(st.sampled_from(PEOPLE), st.one_of(edits(), st.sampled_from(["undo", "redo"]))), max_size=25)
+
+
+def things(graph: PoiGraph) -> tuple[object, ...]:
+    return graph.pois, graph.edges, graph.roads
 
 
 def play(model: SiteModel, steps: list[tuple[str, Edit | str]]) -> None:
@@ -93,6 +149,7 @@ def play(model: SiteModel, steps: list[tuple[str, Edit | str]]) -> None:
         else:
             assert model.graph.version == before.version + (model.graph is not before)
         validate(model.graph)
+        assert without_road(model.graph, model.network, model.graph.pois, model.graph.edges) is None
 
 
 def test_a_refused_redo_comes_back_after_a_restart_and_is_refused_again() -> None:
@@ -135,10 +192,10 @@ def test_one_persons_undo_leads_back_to_the_start_and_redo_to_the_end(steps: lis
     while model.can_undo("Ada"):
         model.undo("Ada")
         count += 1
-    assert (model.graph.pois, model.graph.edges) == (start.pois, start.edges)
+    assert things(model.graph) == things(start)
     for _ in range(count):
         model.redo("Ada")
-    assert (model.graph.pois, model.graph.edges) == (end.pois, end.edges)
+    assert things(model.graph) == things(end)
 
 
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
@@ -165,6 +222,167 @@ def test_an_undo_never_takes_away_what_others_built_on_it() -> None:
         model.undo("Ada")
     assert set(model.graph.pois) == {"door", "bar"}
     assert len(model.graph.edges) == 1
+
+
+def test_an_undo_never_takes_the_road_from_under_what_others_put_there() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    model.apply(DrawRoad(((0.0, 0.0), (0.0, 4.0))), "Ada")
+    model.apply(AddPoi("Bar", "bar", 0.0, 3.0), "Bob")
+    before = model.graph
+    with pytest.raises(ConflictError, match="Bar would be left without a road"):
+        model.undo("Ada")
+    assert model.graph == before
+
+
+# ------------------------------------------------------------------------------------------------ two at one thing
+def test_who_changes_what_another_has_changed_meanwhile_is_shown_both_versions() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    seen = model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada").version
+    model.apply(UpdatePoi("door", name="Front door"), "Bob", seen)
+    before = model.graph
+    with pytest.raises(EditConflictError, match="Bob has changed this place “Front door” meanwhile") as caught:
+        model.apply(UpdatePoi("door", name="Glass door"), "Ada", seen)
+    assert model.graph == before
+    conflict = caught.value.details()["conflict"]
+    assert (conflict["by"], conflict["theirs"]["name"], conflict["yours"]["name"]) == (
+        "Bob",
+        "Front door",
+        "Glass door",
+    )
+    model.apply(UpdatePoi("door", name="Glass door"), "Ada", conflict["version"])
+    assert model.graph.pois["door"].name == "Glass door", "who has seen theirs may decide"
+
+
+def test_what_was_deleted_meanwhile_is_said_so_and_other_things_do_not_clash() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    seen = model.apply(AddPoi("Bar", "bar", 6.0, 0.0), "Ada").version
+    model.apply(MovePoi("bar", 5.0, 0.0), "Bob", seen)
+    model.apply(UpdatePoi("door", notes="Opens inwards"), "Ada", seen)
+    model.apply(DeletePoi("door"), "Bob", model.graph.version)
+    with pytest.raises(EditConflictError, match="Bob has deleted this place") as caught:
+        model.apply(UpdatePoi("door", notes="Heavy"), "Ada", seen)
+    assert caught.value.details()["conflict"]["theirs"] is None
+
+
+def test_an_edge_drawn_meanwhile_to_a_place_is_not_deleted_with_it_unseen() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    seen = model.apply(AddPoi("Bar", "bar", 6.0, 0.0), "Ada").version
+    model.apply(AddEdge("door", "bar"), "Bob", seen)
+    with pytest.raises(EditConflictError, match="Bob has changed this connection"):
+        model.apply(DeletePoi("door"), "Ada", seen)
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(st.lists(st.tuples(st.sampled_from(PEOPLE), edits(), st.integers(0, 4)), max_size=20))
+def test_two_editors_lose_nothing_silently(steps: list[tuple[str, Edit, int]]) -> None:
+    """Each edit is of a version some steps old: it is made as asked, or refused, and nothing of the other's changes."""
+    model = SiteModel(SITE, MemoryGraphLog())
+    last_by: dict[object, tuple[int, str]] = {}
+    for who, edit, steps_old in steps:
+        before = model.graph
+        base = max(0, before.version - steps_old)
+        theirs = {thing for thing, (version, author) in last_by.items() if version > base and author != who}
+        clashes = theirs & set(touched(edit, before))
+        try:
+            after = model.apply(edit, who, base)
+        except VbrError:
+            assert model.graph == before
+            continue
+        assert not clashes
+        assert things(after) == things(evaluate(edit, before, model_network(before)))
+        delta = difference(before, after)
+        for kind, keys in (("poi", delta.pois), ("edge", delta.edges), ("road", delta.roads)):
+            last_by.update({(kind, key): (after.version, who) for key in keys})
+
+
+def model_network(graph: PoiGraph) -> RoadNetwork:
+    return network_of(graph.roads)
+
+
+# -------------------------------------------------------------------------------------------------------- versions
+def test_a_named_version_can_be_gone_back_to_and_that_be_undone(tmp_path: Path) -> None:
+    log = StoredGraphLog(Store.open(tmp_path), "floor", "Floor")
+    model = SiteModel(SITE, log)
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    model.apply(DrawRoad(((0.0, 0.0), (0.0, 4.0))), "Bob")
+    named = model.name_version("Before the works", "Ada")
+    good = model.graph
+    with pytest.raises(ConflictError, match="name already"):
+        model.name_version("Before the works", "Bob")
+    model.apply(DeletePoi("door"), "Ada")
+    model.apply(AddPoi("Bar", "bar", 0.0, 2.0), "Bob")
+    worse = model.graph
+    assert things(model.roll_back(named.version, "Ada")) == things(good)
+    assert model.graph.version == worse.version + 1, "nothing of what was is taken out of the log"
+    again = SiteModel(SITE, log)
+    assert again.graph == model.graph
+    assert again.named_versions() == (named,)
+    assert things(again.undo("Ada")) == things(worse)
+    with pytest.raises(NotFoundError, match="no version 99"):
+        again.roll_back(99, "Ada")
+
+
+@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.too_slow])
+@given(STEPS)
+def test_every_version_there_was_can_be_looked_at(steps: list[tuple[str, Edit | str]]) -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    seen = {model.graph.version: model.graph}
+    model.subscribe(lambda change: seen.update({change.graph.version: change.graph}))
+    play(model, steps)
+    assert all(model.graph_at(version) == graph for version, graph in seen.items())
+
+
+def test_another_graph_in_its_place_is_one_change_and_keeps_the_roads_there_are() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    before = model.graph
+    imported = PoiGraph(7, {"lift": msgspec.structs.replace(before.pois["door"], id="lift", name="Lift")})
+    after = model.replace(imported, "Ada", "places.geojson")
+    assert (list(after.pois), after.roads, after.version) == (["lift"], before.roads, before.version + 1)
+    assert things(model.undo("Ada")) == things(before)
+    with pytest.raises(InputError, match="filed under"):
+        model.replace(PoiGraph(1, {"x": before.pois["door"]}), "Ada")
+
+
+def test_a_database_of_the_first_version_is_brought_up_to_date(tmp_path: Path) -> None:
+    store = Store.open(tmp_path)
+    SiteModel(SITE, StoredGraphLog(store, "floor", "Floor")).apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    store.close()
+    with sqlite3.connect(tmp_path / DATABASE_FILE) as old:
+        old.execute("drop table version_names")
+        old.execute("update schema_info set version = 1")
+    model = SiteModel(SITE, StoredGraphLog(Store.open(tmp_path), "floor", "Floor"))
+    assert list(model.graph.pois) == ["door"]
+    model.name_version("Now", "Ada")
+
+
+def test_versions_conflicts_and_presence_through_the_api(tmp_path: Path) -> None:
+    save_site(SITE, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        ada = first_admin(server)
+        bob = invited(ada, "Bob", "editor")
+        seen = ada.edit("add_poi", name="Door", kind="door", x_m=1, y_m=0).json()["version"]
+        assert ada.http.post("/api/versions", json={"name": "First"}).status_code == 201
+        bob.edit("update_poi", poi_id="door", name="Front door").raise_for_status()
+        late = ada.http.post(
+            f"/api/edits?base_version={seen}", json={"edit": "update_poi", "poi_id": "door", "name": "Glass door"}
+        )
+        assert (late.status_code, late.json()["conflict"]["theirs"]["name"]) == (409, "Front door")
+        rows = ada.http.get("/api/versions").json()["versions"]
+        assert [(row["version"], row["name"]) for row in rows] == [(seen, "First"), (1, None)]
+        (change,) = ada.http.get(f"/api/versions/{seen}/difference").json()["changes"]
+        assert (change["change"], change["fields"]) == ("changed", {"name": ["Door", "Front door"]})
+        back = bob.http.post(f"/api/versions/{seen}/roll-back").json()
+        assert back["pois"][0]["name"] == "Door"
+        words = [line["words"] for line in ada.http.get("/api/history").json()["history"]]
+        assert words[:3] == [f"Went back to version {seen}", "Changed Door: name", "Tagged Door"]
+        said = ada.http.post("/api/presence", json={"window": "w1", "doing": "editing", "kind": "poi", "id": "door"})
+        assert said.json() == {"others": []}
+        (other,) = bob.http.post("/api/presence", json={"window": "w1"}).json()["others"]
+        assert (other["user_name"], other["thing"], "session" in str(other)) == ("Ada", ["poi", "door"], False)
+        assert ada.http.get("/api/versions/77/difference").status_code == 404
 
 
 def test_listeners_hear_every_change_in_order_and_one_that_fails_stops_nobody() -> None:

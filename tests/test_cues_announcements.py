@@ -13,7 +13,13 @@ from hypothesis import strategies as st
 from test_guide_closed_loop import CORRIDOR, ROUND_THE_CORNER
 
 from navcore.angles import relative_angle, world_angle
-from navcore.cues.announcements import LEAST_SHARE, MOST_SHARE, place_distances_m, turn_distances_m
+from navcore.cues.announcements import (
+    LEAST_SHARE,
+    MOST_SHARE,
+    PLACE_TOLERANCE_M,
+    place_distances_m,
+    turn_distances_m,
+)
 from navcore.cues.memory import CueMemory
 from navcore.cues.speech import cues_for, say
 from navcore.cues.table import Cue, CueKind, is_said
@@ -27,6 +33,7 @@ from navcore.types import (
     Guidance,
     Reason,
     Route,
+    RoutePiece,
     RouteStop,
     SonarState,
     SubGoal,
@@ -42,10 +49,10 @@ FRAME_S = 0.1
 
 def walked(
     speed_m_s: float, stops: tuple[RouteStop, ...] = (), settings: Settings = SETTINGS, corner_m: float | None = None,
-    turn_m: float = 1.2, bend_deg: float = 90.0, from_m: float = 0.0, **trace,
+    turn_m: float = 1.2, bend_deg: float = 90.0, from_m: float = 0.0, pieces: tuple[RoutePiece, ...] = (), **trace,
 ) -> list[Cue]:  # fmt: skip
     """Return what is heard on the way along a straight road at a steady speed."""
-    route = Route(STRAIGHT.points_m, STRAIGHT.arc_length_m, stops)
+    route = Route(STRAIGHT.points_m, STRAIGHT.arc_length_m, stops, pieces)
     memory, cues = CueMemory(), []
     for frame in range(int((LENGTH_M - from_m) / speed_m_s / FRAME_S)):
         now_s, done_m = frame * FRAME_S, from_m + frame * FRAME_S * speed_m_s
@@ -206,6 +213,86 @@ def test_no_corner_is_foreseen_on_a_straight_road_or_one_that_was_passed() -> No
     assert seen.bend == pytest.approx(math.pi / 2, abs=0.1)
     passed = replace(goal, passed_index=seen.route_index)
     assert corner_ahead(ROUND_THE_CORNER, 98, passed, 0.85, SETTINGS.follower) is None
+
+
+# -------------------------------------------------------------------------------------------- caution and narrow
+def edges(*begins_m: float, **changes) -> tuple[RoutePiece, ...]:
+    """Pieces of the straight road that begin so; the second is the one that something is known of."""
+    ends_m = (*begins_m[1:], LENGTH_M)
+    pieces = [RoutePiece(f"e{i}", a, b, 0.0, b - a) for i, (a, b) in enumerate(zip(begins_m, ends_m, strict=True))]
+    return (pieces[0], replace(pieces[1], **changes), *pieces[2:])
+
+
+@pytest.mark.parametrize("verbosity", ["brief", "normal", "full"])
+@pytest.mark.parametrize(("language", "left"), [("en", "Caution on the left."), ("zh", "注意左边。")])
+def test_caution_is_said_at_every_verbosity_once_as_the_edge_begins(verbosity: str, language: str, left: str) -> None:
+    settings = SETTINGS.changed({"cues.verbosity": verbosity, "cues.language": language})
+    cues = walked(0.85, (), settings, pieces=edges(0.0, 15.0, 30.0, caution_side="left", width_m=0.8))
+    (caution,), (narrow,) = (of_kind(cues, kind) for kind in (CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE))
+    assert (caution.text, caution.angle_deg) == (left, None), "it says where something is, not where to go"
+    # A sentence that has begun is heard out first.
+    assert 15.0 <= caution.stamp_s * 0.85 < 18.0
+    assert caution.stamp_s < narrow.stamp_s < 25.0 / 0.85
+
+
+@pytest.mark.parametrize("action", [Action.TURN, Action.STOP])
+def test_whoever_stands_on_the_edge_is_not_told_of_its_sides_before_they_walk(action: Action) -> None:
+    """At a corner they still face another way."""
+    route = Route(STRAIGHT.points_m, STRAIGHT.arc_length_m, (), edges(0.0, 10.0, caution_side="right"))
+    memory, kinds = CueMemory(), []
+    for frame in range(60):
+        now_s, walks = frame * FRAME_S, frame >= 30
+        trace = DecisionTrace(heading=world_angle(0.0), remaining_m=28.0, sonar_state=SonarState.NO_ECHO)
+        direction = relative_angle(0.0 if walks else 1.5)
+        guidance = Guidance(now_s, Action.WALK if walks else action, direction, Reason.OK, trace, 1)
+        played, memory = cues_for(guidance, memory, route, SETTINGS, now_s)
+        kinds += [(walks, cue.kind) for cue in played]
+    assert (False, CueKind.CAUTION_SIDE) not in kinds
+    assert kinds.count((True, CueKind.CAUTION_SIDE)) == 1
+
+
+@hypothesis_settings(deadline=None, max_examples=60)
+@given(speeds, st.floats(10.0, 20.0), st.floats(3.0, 12.0), st.booleans(), st.sampled_from(["en", "zh"]))
+def test_neither_caution_nor_reassurance_makes_a_place_be_told_late(
+    speed_m_s: float, begin_m: float, ahead_m: float, is_narrow: bool, language: str
+) -> None:
+    settings = SETTINGS.changed({"cues.language": language})
+    place = RouteStop("p", "Bar", begin_m + ahead_m)
+    pieces = edges(0.0, begin_m, begin_m + ahead_m, caution_side="both", width_m=0.75 if is_narrow else None)
+    cues = walked(speed_m_s, (place,), settings, pieces=pieces)
+    (told,) = of_kind(cues, CueKind.POI_AHEAD)
+    assert told.distance_m is not None
+    _, earliest_m = place_distances_m(speed_m_s, speech_duration_s(told.text, language), settings)
+    assert earliest_m - PLACE_TOLERANCE_M <= told.distance_m <= earliest_m
+    assert len(of_kind(cues, CueKind.CAUTION_SIDE)) <= 1
+
+
+def test_caution_that_words_cut_off_is_said_again() -> None:
+    route = Route(STRAIGHT.points_m, STRAIGHT.arc_length_m, (), edges(0.0, 5.0, caution_side="left"))
+    memory, cues = CueMemory(), []
+    for frame in range(150):
+        now_s, done_m = frame * FRAME_S, frame * 0.085
+        trace = DecisionTrace(
+            heading=world_angle(0.0), velocity_m_s=(0.85, 0.0), remaining_m=LENGTH_M - done_m,
+            sonar_state=SonarState.NO_ECHO,
+        )  # fmt: skip
+        guidance = Guidance(now_s, Action.WALK, relative_angle(0.0), Reason.OK, trace, 1)
+        played, memory = cues_for(guidance, memory, route, SETTINGS, now_s)
+        cues += played
+        if played and played[0].kind is CueKind.CAUTION_SIDE and len(of_kind(cues, CueKind.CAUTION_SIDE)) == 1:
+            spoken, memory = say("Your friend is coming.", memory, SETTINGS, now_s + 0.05)
+            cues += spoken
+    assert [cue.kind for cue in cues if cue.kind in (CueKind.CAUTION_SIDE, CueKind.MESSAGE)] == [
+        CueKind.CAUTION_SIDE, CueKind.MESSAGE, CueKind.CAUTION_SIDE,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("corner_m", [14.4, 15.0, 15.6, 16.2, 16.8])
+def test_all_is_well_does_not_drown_a_turn(corner_m: float) -> None:
+    """Ten metres have been walked about where the turn is to be announced: both are told."""
+    cues = walked(0.85, (), corner_m=corner_m)
+    (turn,) = of_kind(cues, CueKind.TURN_AHEAD)
+    assert abs(of_kind(cues, CueKind.REASSURANCE)[0].stamp_s - turn.stamp_s) < 5.0
 
 
 # ---------------------------------------------------------------------------------------------------- verbosity

@@ -19,7 +19,7 @@ from navcore.types import Reason
 
 NEEDED_TO_BE_SAFE = {
     CueKind.STOP, CueKind.ARRIVED, CueKind.OBSTACLE_BEEP, CueKind.TURN, CueKind.WALK, CueKind.STEER, CueKind.TICK,
-    CueKind.HAZARD_AHEAD, CueKind.MESSAGE, CueKind.ANSWER,
+    CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE, CueKind.MESSAGE, CueKind.ANSWER,
     # Of a map walk; to the sighted, but whoever is led later walks by its map.
     CueKind.MAP_ADVICE, CueKind.MAP_NEWS,
 }  # fmt: skip
@@ -82,7 +82,9 @@ def test_what_safety_hangs_on_is_said_at_every_verbosity() -> None:
         assert levels[0] == (kind in NEEDED_TO_BE_SAFE), kind
     assert not is_said(CueKind.EXPLANATION, "normal")
     assert is_said(CueKind.TURN_AHEAD, "normal")
-    assert {kind for kind in NEEDED_TO_BE_SAFE if kind in ANNOUNCEMENTS} == {CueKind.HAZARD_AHEAD}
+    assert {kind for kind in NEEDED_TO_BE_SAFE if kind in ANNOUNCEMENTS} == {
+        CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE,
+    }  # fmt: skip
 
 
 def test_places_where_something_is_to_be_done_are_said_by_their_kind() -> None:

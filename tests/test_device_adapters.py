@@ -76,11 +76,11 @@ from device_agent.simulation.building import Building
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.walker import drawn_walker
 from device_agent.simulation.world import SimulatedWorld, start_at
-from device_agent.speech import Speech
 from navcore.cues.overlay import render_overlay
 from navcore.cues.overlay_display import Head
 from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.errors import SensorError
+from navcore.espeak import Speech
 from navcore.recording import RecordingWriter, open_recording
 from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, FisheyeImage, Frame, SonarState

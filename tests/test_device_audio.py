@@ -15,13 +15,13 @@ import pytest
 from device_agent.adapters.outputs import TextOutput
 from device_agent.adapters.sound_device import SoundDeviceOutput
 from device_agent.adapters.wav_file import WavFileOutput
-from device_agent.audio import render_cue
-from device_agent.speech import SAMPLE_RATE_HZ, Speech
+from navcore.cue_sound import render_cue
 from navcore.cues.directions import DirectionStyle, move_text, told_move_deg, told_turn_deg, turn_text
 from navcore.cues.synthesis import steer_cue, stop_cue, tick_cue
 from navcore.cues.table import Cue, CueKind, CuePriority
 from navcore.cues.texts import EXPLANATIONS, STOP_TEXTS, TEXTS, Language, speech_duration_s
 from navcore.errors import InputError, SensorError
+from navcore.espeak import SAMPLE_RATE_HZ, Speech
 from navcore.types import Reason
 
 QUIET_PLACE = 1e-4

@@ -36,10 +36,10 @@ from device_agent.recording.part_writer import create
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import MAX_WAITING_PICTURES, WalkRecorder
 from device_agent.recording.walk_files import WalkFiles, parts_in
-from device_agent.speech import Speech
 from device_agent.state import PreparedMap
 from navcore.cues.synthesis import stop_cue
 from navcore.cues.table import Cue, CueKind
+from navcore.espeak import Speech
 from navcore.planning.poi_graph import PoiGraph
 from navcore.site import Site
 from navcore.types import Action, Reason

@@ -27,9 +27,9 @@ from device_agent.doctor import machine, sensing
 from device_agent.doctor.checks import _calibrating, _new_token
 from device_agent.doctor.findings import Check, Finding, Status, exit_code, made, ok
 from device_agent.doctor_command import _patient
-from device_agent.speech import Speech
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.errors import SensorError
+from navcore.espeak import Speech
 from navcore.geometry import world_from_camera_at
 from navcore.settings import Settings
 from navcore.site import Site, save_site

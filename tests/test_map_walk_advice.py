@@ -17,7 +17,8 @@ from navcore.types import Action, Frame
 
 GUIDING_KINDS = {
     CueKind.WALK, CueKind.TURN, CueKind.STEER, CueKind.TICK, CueKind.OBSTACLE_BEEP, CueKind.ARRIVED,
-    CueKind.HAZARD_AHEAD, CueKind.TURN_AHEAD, CueKind.REASSURANCE, CueKind.POI_AHEAD, CueKind.DEVIATION,
+    CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE, CueKind.TURN_AHEAD, CueKind.REASSURANCE,
+    CueKind.POI_AHEAD, CueKind.DEVIATION,
 }  # fmt: skip
 
 

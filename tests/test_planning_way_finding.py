@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 
+import msgspec
 import networkx as nx
 import numpy as np
 import pytest
@@ -174,6 +175,23 @@ def test_the_pieces_join_without_a_gap_and_backwards_pieces_count_down():
 
 
 # ------------------------------------------------------------------------------------------------ what blocks a way
+@pytest.mark.parametrize(
+    ("side", "mirrored"), [("none", "none"), ("left", "right"), ("right", "left"), ("both", "both")]
+)
+def test_what_asks_for_caution_is_on_the_side_as_the_way_passes_it(side: str, mirrored: str):
+    graph = graph_of(SQUARE, RING)
+    edge = msgspec.structs.replace(graph.edges["a-b"], caution_side=side, width_m=0.8)
+    graph = PoiGraph(1, graph.pois, graph.edges | {"a-b": edge})
+
+    def found(x_m: float, y_m: float, goal: str) -> list[tuple[str, str, float | None]]:
+        return [(each.edge_id, each.caution_side, each.width_m) for each in find_route(graph, x_m, y_m, goal).pieces]
+
+    assert found(0.0, 0.0, "c") == [("a-b", side, 0.8), ("b-c", "none", None)]
+    assert found(10.0, 4.0, "a") == [("b-c", "none", None), ("a-b", mirrored, 0.8)]
+    assert found(6.0, 0.0, "c")[0] == ("a-b", side, 0.8), "begun on it, onwards"
+    assert found(4.0, 0.0, "d")[0] == ("a-b", mirrored, 0.8), "begun on it, and back"
+
+
 def test_a_blocked_place_is_gone_round_from_either_side_of_it():
     finder = WayFinder(graph_of(SQUARE, RING))
     at = Blockage("a-b", 5.0)

@@ -9,10 +9,10 @@ import threading
 from typing import Any
 
 from device_agent.adapters.waiting_cues import WaitingCues
-from device_agent.audio import render_cue
-from device_agent.speech import SAMPLE_RATE_HZ, Speech
+from navcore.cue_sound import render_cue
 from navcore.cues.table import Cue
 from navcore.errors import MissingPackageError, SensorError
+from navcore.espeak import SAMPLE_RATE_HZ, Speech
 
 _log = logging.getLogger(__name__)
 _LAST_CUE_S = 10.0

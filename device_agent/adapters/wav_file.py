@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from device_agent.adapters.waiting_cues import WaitingCues
-from device_agent.audio import StereoSamples, render_cue
-from device_agent.speech import SAMPLE_RATE_HZ, Speech
+from navcore.cue_sound import StereoSamples, render_cue
 from navcore.cues.table import Cue
 from navcore.errors import InputError
+from navcore.espeak import SAMPLE_RATE_HZ, Speech
 
 _log = logging.getLogger(__name__)
 _MOST_WAITING = 20_000

@@ -28,8 +28,8 @@ from device_agent.sensors import (
     simulated_hardware,
 )
 from device_agent.simulation.pace import PATIENCE_S, PacedClock
-from device_agent.speech import Speech
 from navcore.calibration import Calibration
+from navcore.espeak import Speech
 from navcore.settings import Settings
 
 

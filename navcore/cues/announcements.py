@@ -8,21 +8,28 @@ a place             ``announce_m`` at the usual speed, more for whoever walks fa
                     from 2/3 to 3/2 of it; a sentence longer than that leaves time for begins earlier
 a turn              so that the sentence is over ``turn_lead_s`` before the turn is due; not when it could not be over
 stairs              as a place; but late rather than not at all, and whatever the verbosity
+caution, narrow     when the walker has come onto the edge and walks, for only then are left and right those of the way;
+                    whatever the verbosity
+reassurance         as soon as there is time, after ``reassurance_m``
 ==================  ================================================================================================
+
+The last two come after the others: neither cuts them off, makes a place be told later than ``announce_m`` less 1 m, or
+a turn too late to be told at all.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 from navcore.cues.bus import PAUSE_S
 from navcore.cues.directions import told_turn_deg, turn_text
 from navcore.cues.memory import CueMemory
 from navcore.cues.table import PRIORITY, Cue, CueKind, is_said
 from navcore.cues.texts import EXPLANATIONS, HAZARD_KINDS, TEXTS, distance_text, place_text, speech_duration_s
-from navcore.settings import Settings
-from navcore.types import Action, Guidance, Reason, Route, RouteStop
+from navcore.settings import ObstacleSettings, Settings
+from navcore.types import Action, Guidance, Reason, Route, RoutePiece, RouteStop
 
 USUAL_SPEED_M_S = 0.85
 """The middle of what blind pedestrians walk: 0.6 to 1.1 m/s (D. Clark-Carter, A. Heyes, C. Howarth, "The efficiency and
@@ -31,6 +38,14 @@ LEAST_SHARE, MOST_SHARE = 2.0 / 3.0, 3.0 / 2.0
 """A place is announced at no less and no more than these parts of ``announce_m``, however slow or fast the walker."""
 _WINDOW_M = 1.0
 """However long the sentence, there is a piece of the way this long on which it may begin."""
+PLACE_TOLERANCE_M = 1.0
+"""Wayfindr: a place is announced 6 ± 1 m ahead."""
+NARROW_MARGIN_M = 0.2
+"""People who walk by what they hear sway so far: a passage less than this wider than a person is narrow for them."""
+OF_THE_MAP = frozenset({CueKind.POI_AHEAD, CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE})
+"""What the map knows of the way, each thing said once; again where other words have cut it off."""
+_CYCLE_S = 0.1
+"""So much later at most is decided again whether something may begin."""
 _STRAIGHT_HOLD_S = 1.0
 """There is time for an announcement when the walker has needed no steering for so long."""
 _SAME_CORNER_M = 1.0
@@ -76,6 +91,11 @@ def turn_distances_m(speed_m_s: float, sentence_s: float, turn_m: float, setting
     return latest_m, latest_m + speed_m_s * settings.cues.turn_lead_s
 
 
+def is_narrow(width_m: float | None, settings: ObstacleSettings) -> bool:
+    """Return whether a passage is hardly wider than a person; one that nobody has measured is not said to be."""
+    return width_m is not None and width_m < settings.person_width_m + NARROW_MARGIN_M
+
+
 def is_straight(guidance: Guidance, settings: Settings) -> bool:
     """Return whether the walker walks straight on."""
     if guidance.action is not Action.WALK or guidance.direction is None:
@@ -111,43 +131,141 @@ def _poi(guidance: Guidance, memory: CueMemory, route: Route | None, settings: S
 def _place(
     kind: CueKind, guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
 ) -> Announced:
+    is_hazard = kind is CueKind.HAZARD_AHEAD
+    for place in _places_ahead(guidance, memory, route, settings):
+        is_too_late = place.ahead_m < place.latest_m and not is_hazard
+        if place.kind is not kind or place.ahead_m > place.earliest_m or is_too_late:
+            continue
+        cue = Cue(now_s, kind, PRIORITY[kind], place.text, distance_m=place.ahead_m)
+        return cue, _announced(memory, place.poi_id)
+    return None, memory
+
+
+@dataclass(frozen=True, slots=True)
+class _PlaceAhead:
+    """A place on the way that has not been announced yet, and between which distances it may be."""
+
+    kind: CueKind
+    poi_id: str
+    text: str
+    ahead_m: float
+    latest_m: float
+    earliest_m: float
+
+
+def _places_ahead(
+    guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings
+) -> Iterator[_PlaceAhead]:
+    """Yield what is to be announced of the places on the way that lie ahead, the nearest first."""
     left_m, language = guidance.trace.remaining_m, settings.cues.language
     if route is None or left_m is None:
-        return None, memory
-    is_hazard = kind is CueKind.HAZARD_AHEAD
+        return
     for stop in route.stops:
         ahead_m = stop.distance_m - (route.length_m - left_m)
-        if (stop.kind in HAZARD_KINDS) is not is_hazard or stop.poi_id in memory.announced or ahead_m <= 0.0:
-            continue
-        if stop.is_silent and not is_hazard:
+        kind = CueKind.HAZARD_AHEAD if stop.kind in HAZARD_KINDS else CueKind.POI_AHEAD
+        is_passed_over = stop.is_silent and kind is CueKind.POI_AHEAD
+        if ahead_m <= 0.0 or stop.poi_id in memory.announced or is_passed_over:
             continue
         text = place_text(spoken_name(stop), stop.kind, ahead_m, language)
         sentence_s = speech_duration_s(text, language)
         latest_m, earliest_m = place_distances_m(guidance.trace.speed_m_s, sentence_s, settings)
-        if ahead_m > earliest_m or (ahead_m < latest_m and not is_hazard):
-            continue
-        told = replace(memory, announced=memory.announced | {stop.poi_id}, announcing=stop.poi_id)
-        return Cue(now_s, kind, PRIORITY[kind], text, distance_m=ahead_m), told
-    return None, memory
+        yield _PlaceAhead(kind, stop.poi_id, text, ahead_m, latest_m, earliest_m)
+
+
+def _announced(memory: CueMemory, what: str) -> CueMemory:
+    return replace(memory, announced=memory.announced | {what}, announcing=what)
+
+
+# ----------------------------------------------------------------------------------------- what is beside the way
+def _caution(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Announced:
+    piece = _piece_walked(guidance, route)
+    if piece is None or piece.caution_side == "none":
+        return None, memory
+    return _of_the_edge(
+        CueKind.CAUTION_SIDE, f"caution_{piece.caution_side}", piece, guidance, memory, route, settings, now_s
+    )
+
+
+def _narrow(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float) -> Announced:
+    piece = _piece_walked(guidance, route)
+    if piece is None or not is_narrow(piece.width_m, settings.obstacle):
+        return None, memory
+    return _of_the_edge(CueKind.NARROW_PASSAGE, "narrow_passage", piece, guidance, memory, route, settings, now_s)
+
+
+def _piece_walked(guidance: Guidance, route: Route | None) -> RoutePiece | None:
+    """Return the piece of the route that the walker walks on; None while they stand or turn."""
+    left_m = guidance.trace.remaining_m
+    if route is None or left_m is None or guidance.action is not Action.WALK:
+        return None
+    return route.piece_at(route.length_m - left_m)
+
+
+def _of_the_edge(
+    kind: CueKind, key: str, piece: RoutePiece, guidance: Guidance, memory: CueMemory, route: Route | None,
+    settings: Settings, now_s: float,
+) -> Announced:  # fmt: skip
+    """Say once what is to be known of an edge."""
+    # No identifier of a PoI has a colon.
+    what = f"{kind.value}:{piece.edge_id}"
+    text = TEXTS[settings.cues.language][key]
+    if what in memory.announced or not _leaves_time(text, guidance, memory, route, settings, now_s):
+        return None, memory
+    return Cue(now_s, kind, PRIORITY[kind], text), _announced(memory, what)
+
+
+def _leaves_time(
+    text: str, guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
+) -> bool:
+    """Whether a sentence, said now, neither cuts off another nor makes the next place or turn be told too late."""
+    if memory.bus.is_speaking(now_s):
+        return False
+    heard_s = speech_duration_s(text, settings.cues.language) + PAUSE_S + _CYCLE_S
+    heard_m, verbosity = guidance.trace.speed_m_s * heard_s, settings.cues.verbosity
+    turn = _next_turn(guidance, memory, route, settings) if is_said(CueKind.TURN_AHEAD, verbosity) else None
+    if turn is not None and turn.ahead_m - heard_m < turn.latest_m <= turn.ahead_m:
+        return False
+    return not any(
+        is_said(place.kind, verbosity)
+        and place.ahead_m - heard_m < place.earliest_m - PLACE_TOLERANCE_M <= place.ahead_m
+        for place in _places_ahead(guidance, memory, route, settings)
+    )
 
 
 # -------------------------------------------------------------------------------------------------------- turns
 def _turn_ahead(
     guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
 ) -> Announced:
-    corner = guidance.trace.corner
-    if corner is None or route is None or not _has_time(memory, now_s):
+    turn = _next_turn(guidance, memory, route, settings)
+    if turn is None or not _has_time(memory, now_s) or not turn.latest_m <= turn.ahead_m <= turn.earliest_m:
         return None, memory
+    cue = Cue(now_s, CueKind.TURN_AHEAD, PRIORITY[CueKind.TURN_AHEAD], turn.text, distance_m=turn.ahead_m)
+    return cue, replace(memory, corner_m=turn.corner_m)
+
+
+@dataclass(frozen=True, slots=True)
+class _TurnAhead:
+    """The next turn, where it has not been announced yet, and between which distances it may be."""
+
+    text: str
+    corner_m: float
+    """Arc length of the corner."""
+    ahead_m: float
+    latest_m: float
+    earliest_m: float
+
+
+def _next_turn(guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings) -> _TurnAhead | None:
+    corner = guidance.trace.corner
+    if corner is None or route is None:
+        return None
     corner_m = float(route.arc_length_m[min(corner.route_index, len(route.arc_length_m) - 1)])
     if abs(corner_m - memory.corner_m) < _SAME_CORNER_M:
-        return None, memory
+        return None
     text = _turn_ahead_text(corner.distance_m, float(corner.bend), settings)
     sentence_s = speech_duration_s(text, settings.cues.language)
     latest_m, earliest_m = turn_distances_m(guidance.trace.speed_m_s, sentence_s, corner.turn_m, settings)
-    if not latest_m <= corner.distance_m <= earliest_m:
-        return None, memory
-    cue = Cue(now_s, CueKind.TURN_AHEAD, PRIORITY[CueKind.TURN_AHEAD], text, distance_m=corner.distance_m)
-    return cue, replace(memory, corner_m=corner_m)
+    return _TurnAhead(text, corner_m, corner.distance_m, latest_m, earliest_m)
 
 
 def _turn_ahead_text(distance_m: float, bend_rad: float, settings: Settings) -> str:
@@ -172,6 +290,8 @@ def _reassurance(
         return None, memory
     distance = distance_text(left_m, settings.cues.language)
     text = TEXTS[settings.cues.language]["reassurance"].format(distance=distance)
+    if not _leaves_time(text, guidance, memory, route, settings, now_s):
+        return None, memory
     cue = Cue(now_s, CueKind.REASSURANCE, PRIORITY[CueKind.REASSURANCE], text, distance_m=left_m)
     return cue, replace(memory, reassured_m=left_m)
 
@@ -230,6 +350,8 @@ _STAGES = {
     CueKind.HAZARD_AHEAD: _hazard,
     CueKind.TURN_AHEAD: _turn_ahead,
     CueKind.POI_AHEAD: _poi,
+    CueKind.CAUTION_SIDE: _caution,
+    CueKind.NARROW_PASSAGE: _narrow,
     CueKind.REASSURANCE: _reassurance,
     CueKind.DEVIATION: _deviation,
     CueKind.EXPLANATION: _explanation,

@@ -45,12 +45,16 @@ class CueMemory:
     reassured_m: float | None = None
     """Distance left when the walker last heard that all is well."""
     announced: frozenset[str] = frozenset()
-    """PoIs of this route that have been announced."""
+    """PoIs of this route, and what is to be known of its edges, that have been announced."""
     announcing: str | None = None
-    """The PoI that was announced last: one whose announcement is cut off by other words is announced anew."""
+    """What was announced last of these: where other words cut its announcement off, it is announced anew."""
     corner_m: float = -math.inf
     """Arc length of the last corner of this route that was announced."""
     deviation_s: float = -math.inf
     """When the walker was last told where the road is."""
     explained: Reason | None = None
     """The stop that has been explained; None once they have been told to walk or turn again."""
+
+
+AT_REST = CueMemory(told_action=Action.STOP, told_reason=Reason.NO_ROUTE)
+"""The memory of who is not led: nobody walks yet, so that *stop* is no news."""

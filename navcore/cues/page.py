@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from navcore.cues.announcements import LEAST_SHARE, MOST_SHARE, USUAL_SPEED_M_S
+from navcore.cues.announcements import (
+    LEAST_SHARE,
+    MOST_SHARE,
+    NARROW_MARGIN_M,
+    PLACE_TOLERANCE_M,
+    USUAL_SPEED_M_S,
+)
 from navcore.cues.directions import CLOCK_DEG, DEGREES_STEP_DEG, SIZES_DEG, SMALLEST_TURN_DEG, hour
 from navcore.cues.table import CUE_TABLE, VERBOSITIES, CueEntry, CueKind, CuePriority
 from navcore.cues.texts import EXPLANATIONS, PLACE_KINDS, STOP_TEXTS, TEXTS
@@ -99,6 +105,13 @@ def _distances() -> list[str]:
         "  not at all where it would not be over by then.",
         f"- The kind of a place is said where its name does not say it: {kinds}. Stairs are a warning: they are",
         "  announced at every verbosity, and late rather than not at all.",
+        "- Of an edge of the PoI-graph its caution side, as it is walked, and that it is narrow (less than",
+        f"  `obstacle.person_width_m` + {NARROW_MARGIN_M:g} m wide) are said once, at every verbosity, as soon as the"
+        " walker has come onto it",
+        "  and walks: before that, left and right would be those of another way.",
+        "- Neither these nor a reassurance cut off the announcement of a place or a turn, make a place be told later"
+        f" than {announce_m - PLACE_TOLERANCE_M:g} m",
+        "  before it, or a turn not at all.",
         "",
     ]
 

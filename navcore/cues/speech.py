@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from navcore.angles import wrap_rad
 from navcore.cues import bus as cue_bus
-from navcore.cues.announcements import announcement, is_straight, spoken_name
+from navcore.cues.announcements import OF_THE_MAP, announcement, is_straight, spoken_name
 from navcore.cues.bus import CueBus
 from navcore.cues.directions import move_text, told_move_deg, told_turn_deg, turn_text
 from navcore.cues.memory import CueMemory
@@ -238,7 +238,8 @@ def _still_holds(cue: Cue, guidance: Guidance, settings: Settings) -> bool:
     """Whether a sentence that waited, or was cut off, is still true; an announcement gives way to steering for good."""
     holds_while = {
         CueKind.STOP: Action.STOP, CueKind.TURN: Action.TURN, CueKind.WALK: Action.WALK,
-        CueKind.HAZARD_AHEAD: Action.WALK, CueKind.EXPLANATION: Action.STOP,
+        CueKind.HAZARD_AHEAD: Action.WALK, CueKind.CAUTION_SIDE: Action.WALK, CueKind.NARROW_PASSAGE: Action.WALK,
+        CueKind.EXPLANATION: Action.STOP,
     }  # fmt: skip
     kind = cue.repeats or cue.kind
     if kind in ANNOUNCEMENTS and kind not in holds_while:
@@ -267,7 +268,7 @@ def _cut_off(
 ) -> tuple[CueMemory, CueBus]:
     """Announcements do not wait, nor does an answer that was begun: whoever wants to hear it again can ask again.
 
-    An announcement of a place that other words have cut off is made anew, with a true distance.
+    An announcement of what the map knows that other words have cut off is made anew, with a true distance.
     """
     cut = before.bus.speaking if before.bus.is_speaking(now_s) else None
     heard = replace(
@@ -278,7 +279,7 @@ def _cut_off(
             if cue.kind not in ANNOUNCEMENTS and not (cue is cut and cue.kind is CueKind.ANSWER)
         ),
     )
-    if cut is None or cut.kind not in (CueKind.POI_AHEAD, CueKind.HAZARD_AHEAD) or before.announcing is None:
+    if cut is None or cut.kind not in OF_THE_MAP or before.announcing is None:
         return memory, heard
     if all(cue.is_tone for cue in played):
         return memory, heard

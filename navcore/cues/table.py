@@ -45,6 +45,10 @@ class CueKind(enum.Enum):
     ARRIVED = "arrived"
     HAZARD_AHEAD = "hazard_ahead"
     """Stairs on the way, known from the map: ``distance_m``."""
+    CAUTION_SIDE = "caution_side"
+    """Something beside the way asks for caution, known from the map."""
+    NARROW_PASSAGE = "narrow_passage"
+    """The way is hardly wider than a person, known from the map."""
     TURN_AHEAD = "turn_ahead"
     """A corner of the way: ``distance_m``. Nothing is to be done yet, so that it carries no angle."""
     POI_AHEAD = "poi_ahead"
@@ -145,6 +149,14 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         CuePriority.OFF_ROAD, "Stairs on the way: walk with care.", _SPOKEN, "no other",
         "no", ("hazard_ahead", "hazard_ahead_named"),
     ),
+    CueKind.CAUTION_SIDE: CueEntry(
+        CuePriority.OFF_ROAD, "From here on, keep away from this side of the way: an open stairwell, doors.", _SPOKEN,
+        "no other", "no", tuple(f"caution_{side}" for side in (*_SIDES, "both")),
+    ),
+    CueKind.NARROW_PASSAGE: CueEntry(
+        CuePriority.OFF_ROAD, "From here on the way is hardly wider than a person: walk with care.", _SPOKEN,
+        "no other", "no", ("narrow_passage",),
+    ),
     CueKind.MESSAGE: CueEntry(
         CuePriority.OFF_ROAD,
         "A person at the console speaks, or the device tells what has changed.", _SPOKEN,
@@ -202,8 +214,8 @@ PRIORITY: dict[CueKind, CuePriority] = {kind: entry.priority for kind, entry in 
 
 ANNOUNCEMENTS = frozenset(
     {
-        CueKind.HAZARD_AHEAD, CueKind.TURN_AHEAD, CueKind.REASSURANCE, CueKind.POI_AHEAD, CueKind.DEVIATION,
-        CueKind.EXPLANATION,
+        CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE, CueKind.TURN_AHEAD, CueKind.REASSURANCE,
+        CueKind.POI_AHEAD, CueKind.DEVIATION, CueKind.EXPLANATION,
     }
 )  # fmt: skip
 """Sentences that begin at their time or not at all: said later, the distance in them would be wrong."""

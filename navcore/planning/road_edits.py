@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -64,19 +64,42 @@ def roads_with_drawn(roads_m: Sequence[FloatArray], drawn_m: Sequence[FloatArray
     return roads
 
 
+def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]) -> str | None:
+    """Return the name of the first of these that no road carries (any more); None where all lie on one."""
+    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
+    for poi in pois:
+        if poi.on_road and not _carries(network, [(poi.x_m, poi.y_m)]):
+            return poi.name
+    for edge in (graph.edges[key] for key in edge_ids if key in graph.edges):
+        if not _carries(network, edge.path_m):
+            return f"{graph.pois[edge.a].name} – {graph.pois[edge.b].name}"
+    return None
+
+
+def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
+    return not network.is_empty and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in points_m)
+
+
 # ---------------------------------------------------------------------------------------------------------- edits
 def draw_road(graph: PoiGraph, points_m: Sequence[Point]) -> PoiGraph:
     """Draw a line where nobody walked; where an end of it lies near a road, it begins there.
 
     Raises InputError for a line that is too short, or is no line.
     """
-    line = _checked_line(points_m)
-    if graph.roads:
-        network = network_of(graph.roads)
-        line = (_met(network, line[0]), *line[1:-1], _met(network, line[-1]))
-    line = _checked_line(line)
-    road_id = _free_road_id(graph.roads)
-    return _with_roads(graph, {**graph.roads, road_id: Road(road_id, line, "drawn")})
+    return draw_roads(graph, [points_m])
+
+
+def draw_roads(graph: PoiGraph, lines_m: Sequence[Sequence[Point]]) -> PoiGraph:
+    """Draw several lines as one edit: what is on the road is put back on it once. Raises InputError."""
+    network = network_of(graph.roads)
+    roads = dict(graph.roads)
+    for points_m in lines_m:
+        line = checked_line(points_m)
+        if not network.is_empty:
+            line = checked_line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
+        road_id = _free_road_id(roads)
+        roads[road_id] = Road(road_id, line, "drawn")
+    return _with_roads(graph, roads)
 
 
 def trim_road(graph: PoiGraph, road_id: str, start_m: Point, end_m: Point) -> PoiGraph:
@@ -167,7 +190,7 @@ def _put_back(poi: Poi, network: RoadNetwork) -> Poi:
 def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], network: RoadNetwork) -> Edge:
     a, b = pois[edge.a], pois[edge.b]
     stays = (a, b) == (graph.pois[edge.a], graph.pois[edge.b])
-    if stays and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in edge.path_m):
+    if stays and _carries(network, edge.path_m):
         return edge
     try:
         laid = along_road(network, pois, edge)
@@ -195,10 +218,11 @@ def _free_road_id(roads: Mapping[str, Road]) -> str:
 
 
 def _as_road(road_id: str, path_m: FloatArray, origin: RoadOrigin) -> Road:
-    return Road(road_id, _checked_line([(float(x), float(y)) for x, y in path_m]), origin)
+    return Road(road_id, checked_line([(float(x), float(y)) for x, y in path_m]), origin)
 
 
-def _checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
+def checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
+    """Return points as a road has them. Raises InputError where they are too many, too few, or nowhere."""
     if len(points_m) > MAX_POINTS_COUNT:
         raise InputError(f"A road may have {MAX_POINTS_COUNT} points, not {len(points_m)}: draw it in pieces.")
     if not all(math.isfinite(part) and abs(part) <= 100_000.0 for point in points_m for part in point):

@@ -22,9 +22,8 @@ from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
 from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
+_NEAR_M = 2.0
 IndexArray = NDArray[np.int64]
-_DETOUR_TIMES, _DETOUR_M = 2.0, 5.0
-"""A way along the road is first looked for no longer than so many times the straight line, and so much more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,27 +141,21 @@ class RoadNetwork:
         if a.segment == b.segment:
             path = np.array([a.xy_m, b.xy_m])
             return RoadPiece(path, math.dist(a.xy_m, b.xy_m))
-        # Mostly the way is not much longer than the straight line: far from it nothing need be searched.
-        near_m = _DETOUR_TIMES * math.dist(a.xy_m, b.xy_m) + _DETOUR_M
-        piece = self._shortest_within(a, b, near_m) or self._shortest_within(a, b, math.inf)
-        if piece is None:
-            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
-        return piece
-
-    def _shortest_within(self, a: RoadPoint, b: RoadPoint, limit_m: float) -> RoadPiece | None:
-        """Return the shortest way from a to b; None where there is none, or it is longer than the limit."""
         starts, ends = self._ends(a), self._ends(b)
-        distances, previous = dijkstra(
-            self.matrix, directed=False, indices=[v for v, _ in starts], return_predecessors=True, limit=limit_m
-        )
-        length_m, row, last = min(
-            (start_m + float(distances[i, vertex]) + end_m, i, vertex)
-            for i, (_, start_m) in enumerate(starts)
-            for vertex, end_m in ends
-        )
-        # What is longer than the limit may have a shorter way that was not searched.
-        if not math.isfinite(length_m) or length_m > limit_m:
-            return None
+        # Mostly the way is hardly longer than the straight line: only where it is, the whole network is searched.
+        for limit_m in (2.0 * math.dist(a.xy_m, b.xy_m) + _NEAR_M, math.inf):
+            distances, previous = dijkstra(
+                self._both_ways, indices=[v for v, _ in starts], return_predecessors=True, limit=limit_m
+            )
+            length_m, row, last = min(
+                (start_m + float(distances[i, vertex]) + end_m, i, vertex)
+                for i, (_, start_m) in enumerate(starts)
+                for vertex, end_m in ends
+            )
+            if length_m <= limit_m:
+                break
+        if not math.isfinite(length_m):
+            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
         inner = _walk_back(previous[row], last)
         return piece_of_path(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
 
@@ -217,6 +210,11 @@ class RoadNetwork:
             at[first].append(index)
             at[second].append(index)
         return [np.array(indices, dtype=np.int64) for indices in at]
+
+    @cached_property
+    def _both_ways(self) -> csr_array:
+        """The same with both triangles: scipy would add the other one in each search."""
+        return csr_array(self.matrix.maximum(self.matrix.T))
 
     @cached_property
     def matrix(self) -> csr_array:

@@ -15,7 +15,7 @@ import numpy as np
 from navcore.angles import WorldAngle
 from navcore.errors import PlanningError
 from navcore.geometry import FloatArray
-from navcore.planning.poi_graph import Poi, PoiGraph
+from navcore.planning.poi_graph import CautionSide, Edge, Poi, PoiGraph
 from navcore.planning.projection import EdgeIndex, EdgePoint, arc_lengths_m, direction_at, path_between
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.shortest_path import Source, Way, Ways
@@ -180,13 +180,21 @@ class WayFinder:
         ends_m = arcs.tolist()
         points.setflags(write=False)
         arc_length_m.setflags(write=False)
-        return Route(points, arc_length_m, self._stops(way, ends_m), _pieces(spans, ends_m))
+        return Route(points, arc_length_m, self._stops(way, ends_m), self._pieces(spans, ends_m))
 
     def _stops(self, way: Way, ends_m: list[float]) -> tuple[RouteStop, ...]:
         return tuple(
             _stop(self.graph.pois[poi_id], end_m, poi_id == way.poi_ids[-1])
             for poi_id, end_m in zip(way.poi_ids, ends_m, strict=True)
             if end_m > _AT_POI_M or poi_id == way.poi_ids[-1]
+        )
+
+    def _pieces(self, spans: list[tuple[str, float, float]], ends_m: list[float]) -> tuple[RoutePiece, ...]:
+        begins_m = [0.0, *ends_m[:-1]]
+        return tuple(
+            _piece(self.graph.edges[edge_id], begin_m, end_m, from_m, to_m)
+            for (edge_id, from_m, to_m), begin_m, end_m in zip(spans, begins_m, ends_m, strict=True)
+            if end_m > begin_m
         )
 
     # ----------------------------------------------------------------------------------------------- unreachable
@@ -219,13 +227,13 @@ def find_route(graph: PoiGraph, x_m: float, y_m: float, poi_id: str, settings: P
     return WayFinder(graph, settings).route_to(poi_id, x_m, y_m)
 
 
-def _pieces(spans: list[tuple[str, float, float]], ends_m: list[float]) -> tuple[RoutePiece, ...]:
-    begins_m = [0.0, *ends_m[:-1]]
-    return tuple(
-        RoutePiece(edge_id, begin_m, end_m, from_m, to_m)
-        for (edge_id, from_m, to_m), begin_m, end_m in zip(spans, begins_m, ends_m, strict=True)
-        if end_m > begin_m
-    )
+_MIRRORED: dict[CautionSide, CautionSide] = {"none": "none", "left": "right", "right": "left", "both": "both"}
+
+
+def _piece(edge: Edge, begin_m: float, end_m: float, from_m: float, to_m: float) -> RoutePiece:
+    """What is on the left on the way from a to b is on the right on the way back."""
+    side = edge.caution_side if from_m <= to_m else _MIRRORED[edge.caution_side]
+    return RoutePiece(edge.id, begin_m, end_m, from_m, to_m, side, edge.width_m)
 
 
 def _stop(poi: Poi, distance_m: float, is_goal: bool) -> RouteStop:

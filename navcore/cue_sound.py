@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import wave
+
 import numpy as np
 from numpy.typing import NDArray
 
-from device_agent.speech import SAMPLE_RATE_HZ, Speech
 from navcore.cues.synthesis import tone_samples
 from navcore.cues.table import Cue
+from navcore.espeak import SAMPLE_RATE_HZ, Speech
 
 StereoSamples = NDArray[np.float32]
 """(n, 2), left first, −1…1."""
@@ -18,3 +21,14 @@ def render_cue(cue: Cue, speech: Speech) -> StereoSamples:
     tone = (tone_samples(cue, SAMPLE_RATE_HZ) / 32767.0).astype(np.float32)
     words = speech.samples(cue.text)
     return np.concatenate([tone, np.repeat(words[:, None], 2, axis=1)])
+
+
+def wav_bytes(samples: StereoSamples) -> bytes:
+    """Return samples at SAMPLE_RATE_HZ as a stereo WAV file of 16 bits."""
+    content = io.BytesIO()
+    with wave.open(content, "wb") as sound:
+        sound.setnchannels(2)
+        sound.setsampwidth(2)
+        sound.setframerate(SAMPLE_RATE_HZ)
+        sound.writeframes((np.clip(samples, -1.0, 1.0) * 32767.0).astype("<i2").tobytes())
+    return content.getvalue()

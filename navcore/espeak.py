@@ -30,8 +30,9 @@ Samples = NDArray[np.float32]
 class Speech:
     """Turns texts into sound, and remembers those that it has spoken: instructions come again and again."""
 
-    def __init__(self, language: str = "en") -> None:
-        """``language`` is that of texts which do not show it by their script."""
+    def __init__(self, language: str = "en", most_cached: int = _MAX_CACHED) -> None:
+        """``language`` is that of texts which do not show it by their script; so many texts are remembered."""
+        self._most_cached = most_cached
         self._voice = _VOICES.get(language, language)
         self._program = shutil.which("espeak-ng")
         self._cache: OrderedDict[str, Samples] = OrderedDict()
@@ -50,7 +51,7 @@ class Speech:
             if text not in self._cache:
                 self._cache[text] = self._spoken(self._program, text)
             self._cache.move_to_end(text)
-            while len(self._cache) > _MAX_CACHED:
+            while len(self._cache) > self._most_cached:
                 self._cache.popitem(last=False)
             return self._cache[text]
 

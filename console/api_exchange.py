@@ -1,0 +1,110 @@
+"""The API of export and import (docs/exchange.md): files to download, a graph into the draft, a site beside others."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import shlex
+from collections.abc import AsyncIterator
+from typing import Annotated, Any
+
+from fastapi import FastAPI, Query, Request, Response
+from fastapi.responses import StreamingResponse
+from starlette.concurrency import run_in_threadpool
+
+from console.edit_words import described
+from console.errors import BadRequestError, ConflictError
+from console.graph_delta import difference
+from console.requests import Visitor, json_response
+from console.services import Services
+from navcore.foreign_map import shown
+from navcore.graph_import import imported
+from navcore.site_archive import MAX_ARCHIVE_BYTES
+
+FileName = Annotated[str, Query(max_length=120)]
+_PATIENCE_S = 60.0
+Token = Annotated[str, Query(max_length=64, pattern="^[0-9a-f]*$")]
+
+
+def add_routes(app: FastAPI, services: Services) -> None:
+    """Add the routes."""
+
+    @app.get("/api/export/{what}")
+    def export(visitor: Visitor, what: str, published: bool = False) -> Response:
+        made = services.exports.make(what, published=published)
+        services.store.audit(visitor.user_name, "export", made.name)
+        headers = {"Content-Disposition": f'attachment; filename="{made.name}"', "Content-Length": str(made.size_bytes)}
+        return StreamingResponse(made.pieces(), media_type=made.media_type, headers=headers)
+
+    @app.post("/api/import/graph")
+    async def import_graph(request: Request, visitor: Visitor, name: FileName = "", confirm: Token = "") -> Response:
+        """Look at a file, and with the preview's token make it the draft."""
+        # The rule of this route bounds it; a graph has to be whole before anything can be said of it.
+        data = await request.body()
+        return json_response(await run_in_threadpool(_import_graph, services, visitor.user_name, data, name, confirm))
+
+    @app.post("/api/import/site")
+    async def import_site(request: Request, visitor: Visitor) -> Response:
+        """Take a site's archive in, piece by piece, and make it a site beside the others."""
+        length = request.headers.get("content-length", "")
+        size_bytes = int(length) if length.isdigit() else MAX_ARCHIVE_BYTES
+        with services.site_imports.receiving(size_bytes) as archive:
+            with archive.open("wb") as out:
+                async for piece in _patiently(request.stream()):
+                    await run_in_threadpool(out.write, piece)
+            folder, manifest = await run_in_threadpool(services.site_imports.keep, archive)
+        detail = f"{manifest.name} ({manifest.id[:16]}) to {folder}"
+        await run_in_threadpool(services.store.audit, visitor.user_name, "import_site", detail)
+        return json_response(
+            {
+                "site": str(folder),
+                "name": manifest.name,
+                "site_id": manifest.site_id,
+                "id": manifest.id,
+                "parent_id": manifest.parent_id,
+                "graph_version": manifest.graph_version,
+                "serve": f"vbr console --site {shlex.quote(str(folder))}",
+            },
+            201,
+        )
+
+
+async def _patiently(pieces: AsyncIterator[bytes]) -> AsyncIterator[bytes]:
+    """Read a body from somebody who may have fallen silent: others wait for the place."""
+    while True:
+        try:
+            async with asyncio.timeout(_PATIENCE_S):
+                piece = await anext(pieces)
+        except StopAsyncIteration:
+            return
+        except TimeoutError as error:
+            raise BadRequestError("The rest of the file did not come: send it again.") from error
+        yield piece
+
+
+def _import_graph(services: Services, who: str, data: bytes, name: str, confirm: str) -> dict[str, Any]:
+    model = services.model
+    draft = model.graph
+    found = imported(data, draft)
+    token = _token_of(data, draft.version)
+    changes = difference(draft, found.graph)
+    if confirm:
+        if confirm != token:
+            raise ConflictError(
+                "The draft was changed since the preview, or this is another file: look again at what would change."
+            )
+        model.replace(found.graph, who, why=shown(name) or "a file", base_version=draft.version)
+    return {
+        "applied": bool(confirm),
+        "token": token,
+        "whole": found.is_whole,
+        "draft_version": model.graph.version,
+        "changes": described(changes, draft, found.graph),
+        "unused": found.unused,
+        "notes": found.notes,
+    }
+
+
+def _token_of(data: bytes, version: int) -> str:
+    """Name a file and the draft that it was laid on: it says what was seen, and is no secret."""
+    return hashlib.sha256(version.to_bytes(8, "big") + hashlib.sha256(data).digest()).hexdigest()

@@ -238,6 +238,29 @@ def test_proposed_edges_are_shown_and_counted_and_escape_drops_them(browser: Fak
     assert len(model.graph.edges) == 3
 
 
+# ---------------------------------------------------------------------------------------------------------- roles
+def test_a_viewers_widgets_change_nothing_whatever_is_sent(
+    scene_and_services: tuple[Scene, Services], model: SiteModel
+) -> None:
+    """Viser does not enforce that a widget is disabled: a browser can be made to send its value all the same."""
+    before = model.graph
+    viewer = FakeBrowser(scene_and_services[0], "viewer", "Vic", client_id=99)
+    try:
+        viewer.click_edge("e1")
+        for label, value in (("Closed", True), ("One way", True), ("Width m", 2.0), ("Caution", "left")):
+            viewer.set_widget(label, value)
+        viewer.click_poi("bar")
+        for label, value in (("Off the road", True), ("Kind", "Lounge")):
+            viewer.set_widget(label, value)
+        viewer.click_road("r1", 3.0, 0.0)
+        assert viewer.view.editor.road is not None, "looking is free"
+        assert model.graph is before
+        labels = {command._impl.props.label for command in viewer.view.client.gui._command_handle_from_uuid.values()}
+        assert labels == {each.words for each in SHORTCUTS if not each.is_editing}
+    finally:
+        viewer.disconnect()
+
+
 # ---------------------------------------------------------------------------------------------------------- laws
 def test_every_action_of_the_table_does_something_and_is_in_the_help(browser: FakeBrowser) -> None:
     labels = [command._impl.props.label for command in browser.view.client.gui._command_handle_from_uuid.values()]

@@ -200,7 +200,7 @@ def test_the_scene_is_light_where_the_browser_asks_for_it(browser: Browser, cons
     light = """() => document.documentElement.getAttribute('data-mantine-color-scheme')"""
     until(page, lambda: hands.frame.evaluate(light) == "light", "the light theme")
     hands.press_button("View", "[role=tab]")
-    hands.press_button("Dark")
+    hands.frame.get_by_role("button", name="Dark", exact=True).dispatch_event("click")
     until(page, lambda: hands.frame.evaluate(light) == "dark", "the dark theme")
     context.close()
 

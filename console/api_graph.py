@@ -19,7 +19,7 @@ from console.model import SiteModel
 from console.publishing import publish
 from console.requests import Visitor, json_response
 from console.services import Services
-from console.view_requests import FlyToPoi, FollowDevice
+from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
 from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
 HISTORY_SHOWN_COUNT = 200
@@ -67,14 +67,19 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
     @app.post("/api/view")
     def view(visitor: Visitor, body: ViewBody) -> Response:
-        if (body.fly_to is None) == (body.follow is None):
-            raise BadRequestError("Ask the scene for one thing: a place to fly to, or a device to follow.")
-        if body.fly_to is not None:
-            if body.fly_to not in model.graph.pois:
-                raise NotFoundError("There is no such place: it may have been deleted meanwhile.")
-            return json_response({"scenes": services.views.ask(visitor.session_id, FlyToPoi(body.fly_to))})
-        device = services.hub.device(body.follow or "")
-        return json_response({"scenes": services.views.ask(visitor.session_id, FollowDevice(device.device_id))})
+        return json_response({"scenes": services.views.ask(visitor.session_id, _view_request(body, services))})
+
+
+def _view_request(body: ViewBody, services: Services) -> ViewRequest:
+    if sum(asked is not None for asked in (body.fly_to, body.point, body.follow)) != 1:
+        raise BadRequestError("Ask the scene for one thing: a place or a point to fly to, or a device to follow.")
+    if body.point is not None:
+        return FlyToPoint(*body.point, (body.kind, body.id) if body.kind is not None and body.id else None)
+    if body.fly_to is not None:
+        if body.fly_to not in services.model.graph.pois:
+            raise NotFoundError("There is no such place: it may have been deleted meanwhile.")
+        return FlyToPoi(body.fly_to)
+    return FollowDevice(services.hub.device(body.follow or "").device_id)
 
 
 def graph_view(model: SiteModel, who: str) -> dict[str, Any]:

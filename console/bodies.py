@@ -15,6 +15,8 @@ Password = Annotated[str, Field(max_length=1000)]
 PersonName = Annotated[str, Field(min_length=1, max_length=200)]
 Token = Annotated[str, Field(min_length=1, max_length=200)]
 
+MapMetres = Annotated[float, Field(ge=-100_000.0, le=100_000.0, allow_inf_nan=False)]
+
 
 class _Body(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -42,9 +44,15 @@ class FirstBody(_Body):
 
 
 class ViewBody(_Body):
-    """What the page asks of the scene inside it: a place to fly to, or a device to show."""
+    """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, or a device to show.
+
+    ``kind`` and ``id`` name what is selected at the point.
+    """
 
     fly_to: Annotated[str, Field(max_length=64)] | None = None
+    point: tuple[MapMetres, MapMetres] | None = None
+    kind: Literal["poi", "edge", "road"] | None = None
+    id: Annotated[str, Field(max_length=64)] = ""
     follow: Annotated[str, Field(max_length=120)] | None = None
 
 

@@ -16,7 +16,8 @@ from navcore.planning.road_network import RoadNetwork
 ShortName = Annotated[str, msgspec.Meta(max_length=80)]
 Notes = Annotated[str, msgspec.Meta(max_length=2000)]
 Place = tuple[Metres, Metres]
-Thing = tuple[Literal["poi", "edge", "road"], str]
+ThingKind = Literal["poi", "edge", "road"]
+Thing = tuple[ThingKind, str]
 """What an edit changes: which kind of thing, and its identifier."""
 
 

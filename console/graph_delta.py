@@ -63,7 +63,9 @@ def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
 
 def _differing(before: Mapping[str, Item], after: Mapping[str, Item]) -> dict[str, tuple[Item | None, Item | None]]:
     keys = [*before, *(key for key in after if key not in before)]
-    return {key: (before.get(key), after.get(key)) for key in keys if before.get(key) != after.get(key)}
+    pairs = ((key, before.get(key), after.get(key)) for key in keys)
+    # Most things are the very same: only the others are compared.
+    return {key: (old, new) for key, old, new in pairs if old is not new and old != new}
 
 
 def _with(items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, Item | None]]) -> dict[str, Item]:

@@ -11,6 +11,8 @@ import threading
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from console.edits import Thing
+
 _log = logging.getLogger(__name__)
 
 
@@ -22,13 +24,22 @@ class FlyToPoi:
 
 
 @dataclass(frozen=True, slots=True)
+class FlyToPoint:
+    """Move the camera to a place of the floor, and select what is meant there; None selects nothing."""
+
+    x_m: float
+    y_m: float
+    thing: Thing | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class FollowDevice:
     """Show this device's walker; None shows none."""
 
     device_id: str | None
 
 
-ViewRequest = FlyToPoi | FollowDevice
+ViewRequest = FlyToPoi | FlyToPoint | FollowDevice
 Listener = Callable[[ViewRequest], None]
 
 

@@ -151,8 +151,14 @@ class SceneHands:
 
     def press_button(self, text: str, kind: str = "button") -> None:
         """Press a button of the scene's panel (``kind="[role=tab]"`` for a tab)."""
-        place = until(self.page, lambda: self._evaluate(_BUTTON, [kind, text]), f"the button {text!r}")
-        on_page = self._on_page(place)
+        last: list[Any] = [None]
+
+        def rests() -> Any:
+            # A tab that has just been opened still moves what is on it.
+            before, last[0] = last[0], self._evaluate(_BUTTON, [kind, text])
+            return last[0] if last[0] == before else None
+
+        on_page = self._on_page(until(self.page, rests, f"the button {text!r}"))
         assert on_page is not None
         self.page.mouse.click(*on_page)
 

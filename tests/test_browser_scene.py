@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -11,7 +12,7 @@ from playwright.sync_api import Browser, Page
 from viewer_site import crossing_corridors
 
 from console.config import ConsoleConfig
-from console.edits import AddEdge, AddPoi
+from console.edits import AddEdge, AddPoi, UpdatePoi
 from console.server import ConsoleServer
 from navcore.site import save_site
 
@@ -119,6 +120,89 @@ def test_a_place_is_tagged_by_a_click_on_the_road_its_name_and_enter(page: Page,
     (place,) = [poi for poi in model.graph.pois.values() if poi.name == "Room 123"]
     assert place.on_road
     assert 4.0 < place.x_m < 9.0
+
+
+@pytest.mark.slow
+def test_the_keyboard_selects_nudges_draws_and_helps_and_the_camera_stays(page: Page, console: ConsoleServer) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+    bar = hands.steady_pixel_of("/graph/poi/bar")
+    hands.press_key("n")
+    until(page, lambda: "Merge into" in hands.frame.inner_text("body"), "the form of the first place")
+    version = model.graph.version
+    for _ in range(5):
+        hands.press_key("ArrowUp")
+    until(page, lambda: model.graph.version == version + 1, "the nudges to become one edit")
+    moved_m = math.dist((model.graph.pois["bar"].x_m, model.graph.pois["bar"].y_m), (10.0, -6.0))
+    assert moved_m == pytest.approx(0.5, abs=0.02), "five steps along the road"
+    hands.press_key("Control+z")
+    until(page, lambda: model.graph.pois["bar"].y_m == pytest.approx(-6.0), "the undo")
+    still = hands.steady_pixel_of("/graph/poi/bar")
+    assert math.dist(bar, still) < 2.0, "the arrows have not turned the camera"
+
+    # A road drawn with the cross: from the selected place on, two steps of a metre.
+    hands.press_key("4")
+    hands.press_key("Space")
+    hands.press_key("Space")
+    for _ in range(2):
+        hands.press_key("Shift+ArrowRight")
+    hands.press_key("Space")
+    until(page, lambda: "2.0 m drawn" in hands.frame.inner_text("body"), "the drawn line")
+    hands.press_key("Enter")
+    until(page, lambda: [r for r in model.graph.roads.values() if r.origin == "drawn"], "the drawn road")
+
+    hands.press_key("?")
+    until(page, lambda: "Without the mouse" in hands.frame.inner_text("body"), "the help")
+    hands.press_key("h")
+    until(page, lambda: "Without the mouse" not in hands.frame.inner_text("body"), "the help to close")
+
+
+@pytest.mark.slow
+def test_a_reload_in_the_middle_of_a_drag_changes_nothing_and_another_window_sees_what_is_edited(
+    page: Page, console: ConsoleServer
+) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+    before = model.graph
+    x, y = hands.steady_pixel_of("/graph/poi/hall/head")
+    hands._press_at(x, y)
+    for step in range(1, 9):
+        page.mouse.move(x + 6 * step, y)
+        page.wait_for_timeout(60)
+    until(page, lambda: console_moves(console), "the drag to begin")
+    page.reload()
+    SceneHands(page).wait_for_node("/graph/poi/hall/head")
+    page.mouse.up()
+    assert model.graph == before, "nobody has let go of the place"
+
+    other_page = page.context.new_page()
+    other = open_scene(other_page, console)
+    other.press_key("n")
+    field = other.frame.locator("input:visible").first
+    until(other_page, lambda: field.is_visible() and field.input_value() == "Bar", "the form of the bar")
+    model.apply(UpdatePoi("bar", name="Tea bar"), "setup")
+    until(other_page, lambda: field.input_value() == "Tea bar", "what was edited elsewhere")
+    other_page.close()
+
+
+def console_moves(console: ConsoleServer) -> bool:
+    """Whether somebody is moving something."""
+    return any(present.doing == "dragging" for present in console.services.presence.windows())
+
+
+@pytest.mark.slow
+def test_the_scene_is_light_where_the_browser_asks_for_it(browser: Browser, console: ConsoleServer) -> None:
+    context = browser.new_context(viewport={"width": 1000, "height": 600}, color_scheme="light")
+    page = context.new_page()
+    assert console.ready.first_link is not None
+    become_admin(page, console.ready.first_link)
+    hands = open_scene(page, console)
+    light = """() => document.documentElement.getAttribute('data-mantine-color-scheme')"""
+    until(page, lambda: hands.frame.evaluate(light) == "light", "the light theme")
+    hands.press_button("View", "[role=tab]")
+    hands.frame.get_by_role("button", name="Dark", exact=True).dispatch_event("click")
+    until(page, lambda: hands.frame.evaluate(light) == "dark", "the dark theme")
+    context.close()
 
 
 @pytest.mark.slow

@@ -40,6 +40,7 @@ from console.graph_log import MemoryGraphLog
 from console.graph_store import StoredGraphLog
 from console.model import SiteModel
 from console.store import DATABASE_FILE, Store
+from console.view_requests import FlyToPoint
 from navcore.errors import InputError, VbrError
 from navcore.planning.edits import validate
 from navcore.planning.poi_graph import PoiGraph
@@ -529,3 +530,11 @@ def test_a_flight_reaches_the_scenes_of_the_same_session_only(tmp_path: Path, sm
         assert (len(heard["Vera"]), len(heard["Ada"])) == (1, 0)
         assert viewer.http.post("/api/view", json={"fly_to": "zzz"}).status_code == 404
         assert viewer.http.post("/api/view", json={}).status_code == 400
+        point = {"point": [1.5, -2.0], "kind": "edge", "id": "e1"}
+        assert viewer.http.post("/api/view", json=point).json() == {"scenes": 1}
+        assert heard["Vera"][-1] == FlyToPoint(1.5, -2.0, ("edge", "e1"))
+        assert viewer.http.post("/api/view", json={"point": [1.5, -2.0]}).json() == {"scenes": 1}
+        assert heard["Vera"][-1] == FlyToPoint(1.5, -2.0)
+        for bad in ({"point": [1.5]}, {"point": ["x", 0]}, {"point": [1e9, 0]}, {"point": [0, 0], "fly_to": "b"},
+                    {"point": [0, 0], "kind": "wall"}):  # fmt: skip
+            assert viewer.http.post("/api/view", json=bad).status_code == 400

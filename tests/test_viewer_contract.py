@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import inspect
 import socket
 from collections.abc import Iterator
 from importlib.metadata import version
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import numpy as np
 import pytest
 import viser
+import viser._assignable_props_api as assignable_props
 import viser._messages as messages
 import viser.infra._infra as infra
+from viser.infra._messages import get_type_hints_cached
 
 from console.viewer import guard
-from console.viewer.embedded import SUBPROTOCOL, VISER_VERSION, EmbeddedViser, client_html
+from console.viewer.embedded import SUBPROTOCOL, VISER_VERSION, EmbeddedViser, client_html, portions
 from console.viewer.page import inline_scripts, scene_page
 
 
@@ -112,3 +119,52 @@ def test_a_page_of_another_form_is_refused_loudly() -> None:
 
 def test_the_subprotocol_carries_the_version() -> None:
     assert f"viser-v{viser.__version__}" == SUBPROTOCOL
+
+
+def test_what_is_shared_is_sent_in_portions_the_first_points_first(embedded: EmbeddedViser) -> None:
+    """A newcomer's first message holds the first part of the cloud, not all of it."""
+    for number in range(4):
+        points = np.zeros((200_000, 3), np.float32)
+        embedded.server.scene.add_point_cloud(f"/part{number}", points, (1, 2, 3), precision="float32")
+
+    async def windows() -> list[list[str]]:
+        generator = embedded.server._websock_server._broadcast_buffer.window_generator(7)
+        found: list[list[str]] = []
+        while "/part3" not in {name for window in found for name in window}:
+            found.append([str(getattr(message, "name", "")) for message in await anext(generator)])
+        await generator.aclose()
+        assert 7 not in embedded.server._websock_server._broadcast_buffer.generator_cursors
+        return found
+
+    found = asyncio.run_coroutine_threadsafe(windows(), embedded.loop).result(20)
+    (first,) = [window for window in found if "/part0" in window]
+    assert "/part2" not in first
+    names = list(dict.fromkeys(name for window in found for name in window if name.startswith("/part")))
+    assert names == ["/part0", "/part1", "/part2", "/part3"], "in order"
+
+
+def test_portions_lose_nothing_and_keep_the_order() -> None:
+    sizes = (10, 5_000_000, 10, 3_000_000, 2_000_000, 10)
+    sent = [_message(size) for size in sizes]
+    cut = list(portions(sent, 4 << 20))
+    assert [message for portion in cut for message in portion] == sent
+    assert all(len(portion) == 1 or sum(message.props.points.nbytes for message in portion) <= 4 << 20
+               for portion in cut)  # fmt: skip
+
+
+def _message(size_bytes: int) -> Any:
+    return SimpleNamespace(props=SimpleNamespace(points=np.zeros(size_bytes, np.uint8)))
+
+
+def test_the_types_of_properties_are_read_once(embedded: EmbeddedViser) -> None:
+    assert vars(assignable_props)["get_type_hints"] is get_type_hints_cached
+    assert "get_type_hints(type(self._impl.props))" in inspect.getsource(assignable_props)
+    assert get_type_hints_cached(messages.LabelProps)["text"] is str
+
+
+def test_the_camera_takes_no_arrow_from_a_key_without_a_code() -> None:
+    """What the page makes of an arrow reaches the shortcuts, by its key, and not the camera, which goes by the code."""
+    source = (Path(viser.__file__).parent / "client" / "src" / "CameraControls.tsx").read_text(encoding="utf-8")
+    assert "CAMERA_MOVEMENT_KEYS.has(event.code)" in source
+    page = scene_page(client_html(), "Title", "/session", "/in")
+    assert b"code: ''" in page.body

@@ -12,7 +12,7 @@ from viewer_fixtures import scene_over, services_of_crossing
 
 from console.edits import DeletePoi, MovePoi, UpdatePoi
 from console.services import Services
-from console.viewer.editor import Mode
+from console.viewer.begun import Mode, NewEdges
 from console.viewer.scene import Scene
 
 
@@ -55,7 +55,7 @@ def test_a_click_near_the_road_in_tag_mode_makes_a_place_on_the_road(browser: Fa
     (poi,) = [poi for poi in services.model.graph.pois.values() if poi.name == "Room 3308"]
     assert poi.kind == "toilet"
     assert (poi.x_m, poi.y_m) == pytest.approx((5.02, 0.0), abs=0.01)
-    assert browser.view.editor.poi_id == poi.id
+    assert browser.view.editor.selected == ("poi", poi.id)
     assert f"/graph/poi/{poi.id}/head" in browser.node_names
 
 
@@ -63,7 +63,7 @@ def test_a_click_far_from_the_road_says_so_and_makes_nothing(browser: FakeBrowse
     version = services.model.graph.version
     browser.press("Tag a place")
     browser.click_floor(4.0, 3.0)
-    assert browser.view.editor.pending_tag is None
+    assert browser.view.editor.begun is None
     assert any("3.0 m away" in notice for notice in browser.notices)
     assert services.model.graph.version == version
 
@@ -110,15 +110,15 @@ def test_two_clicks_show_the_piece_of_road_and_enter_accepts_it(browser: FakeBro
     browser.press("Connect two places")
     browser.click_poi("junction")
     browser.click_poi("bar")
-    pending = browser.view.editor.pending_edge
-    assert pending is not None
-    assert pending.length_m == pytest.approx(9.0, abs=0.1)
+    begun = browser.view.editor.begun
+    assert isinstance(begun, NewEdges)
+    assert begun.edges[0].length_m == pytest.approx(9.0, abs=0.1)
     assert "9.0 m" in browser.view.editor.hint
     assert len(services.model.graph.edges) == 1, "shown, and not yet accepted"
-    browser.press("Accept")
+    browser.press("Accept what is shown")
     added = services.model.graph.edges.keys() - {"e1"}
     assert len(services.model.graph.edges) == 2
-    assert browser.view.editor.edge_id in added
+    assert browser.view.editor.selected == ("edge", *added)
     browser.press("Delete what is selected")
     assert len(services.model.graph.edges) == 1
 
@@ -128,7 +128,7 @@ def test_escape_lets_go_of_a_piece_of_road_that_is_only_shown(browser: FakeBrows
     browser.click_poi("junction")
     browser.click_poi("lift")
     browser.press("Let go of what was begun")
-    assert browser.view.editor.pending_edge is None
+    assert not isinstance(browser.view.editor.begun, NewEdges)
     assert browser.view.editor.mode is Mode.CONNECT
     browser.press("Let go of what was begun")
     assert browser.view.editor.mode is Mode.SELECT
@@ -139,14 +139,14 @@ def test_connecting_what_is_connected_is_refused_with_a_sentence(browser: FakeBr
     browser.press("Connect two places")
     browser.click_poi("hall")
     browser.click_poi("junction")
-    assert browser.view.editor.pending_edge is None
+    assert not isinstance(browser.view.editor.begun, NewEdges)
     assert any("joined already" in notice for notice in browser.notices)
 
 
 def test_an_edge_is_picked_and_closed_and_made_one_way(browser: FakeBrowser, services: Services) -> None:
     (edge,) = services.model.graph.edges.values()
     browser.click_edge(edge.id)
-    assert browser.view.editor.edge_id == edge.id
+    assert browser.view.editor.selected == ("edge", edge.id)
     browser.set_widget("Closed", True)
     browser.set_widget("One way", True)
     changed = services.model.graph.edges[edge.id]
@@ -175,13 +175,16 @@ def test_a_bad_name_is_refused_and_the_old_one_stays(browser: FakeBrowser, servi
 
 def test_a_click_beside_everything_selects_nothing(browser: FakeBrowser) -> None:
     browser.click_poi("bar")
-    assert browser.view.editor.poi_id == "bar"
+    assert browser.view.editor.selected == ("poi", "bar")
     browser.click_floor(3.0, 5.0)
-    assert browser.view.editor.poi_id is None
+    assert browser.view.editor.selected is None
 
 
 def test_proposed_edges_join_all_neighbours(browser: FakeBrowser, services: Services) -> None:
-    browser.press("Join all neighbours along the road")
+    browser.press("Propose connections between neighbours")
+    assert len(services.model.graph.edges) == 1, "proposed, and not yet accepted"
+    assert "2 new connections" in browser.view.editor.hint
+    browser.press("Accept what is shown")
     joined = {frozenset((edge.a, edge.b)) for edge in services.model.graph.edges.values()}
     expected = {frozenset(pair) for pair in (("hall", "junction"), ("junction", "bar"), ("junction", "lift"))}
     assert joined == expected
@@ -217,7 +220,7 @@ def test_a_viewer_has_no_editor_and_can_change_nothing(scene: Scene, services: S
         browser.drag_poi("hall", "start", 1.0, 0.0)
         browser.drag_poi("hall", "end", 5.0, 0.0)
         browser.click_poi("hall")
-        assert browser.view.editor.poi_id == "hall"
+        assert browser.view.editor.selected == ("poi", "hall")
         browser.run(_call(browser.view.editor.delete_selected))
         browser.run(_call(browser.view.publish))
         assert services.model.graph.version == version
@@ -230,9 +233,9 @@ def test_one_window_cannot_reach_the_nodes_of_another(scene: Scene, browser: Fak
     other = FakeBrowser(scene, "editor", "Mallory", client_id=78)
     try:
         other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.7), owner=browser.client_id)
-        assert browser.view.editor.poi_id is None
+        assert browser.view.editor.selected is None
         other.click_node("/graph/poi/bar/head", (19.0, 0.0, 0.7))
-        assert (other.view.editor.poi_id, browser.view.editor.poi_id) == ("bar", None)
+        assert (other.view.editor.selected, browser.view.editor.selected) == (("poi", "bar"), None)
     finally:
         other.disconnect()
 

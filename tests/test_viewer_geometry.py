@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,15 @@ from viewer_site import crossing_corridors, crossing_roads
 from console.viewer import meshes
 from console.viewer.appearance import KINDS
 from console.viewer.cloud import FOV_RAD, CameraView, FloorBounds, floor_bounds, overview, plan_view, shown_cloud
+from console.viewer.cloud_colours import (
+    Colouring,
+    LocalizationGrade,
+    by_height,
+    by_localization,
+    grades,
+    legend,
+    shaded,
+)
 from console.viewer.labels import LabelSpot, Lens, project, readable
 from navcore.geometry import FloatArray, quat_xyzw_from_rotation, rotation_from_quat_xyzw
 from navcore.planning.poi_graph import POI_KINDS
@@ -41,9 +51,103 @@ def test_a_large_cloud_is_thinned_and_says_so() -> None:
 def test_the_ceiling_is_a_layer_of_its_own_and_nothing_is_lost() -> None:
     site = crossing_corridors(5000)
     cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb, ceiling_m=2.2)
-    assert cloud.points_m[:, 2].max() <= 2.2 < cloud.ceiling_points_m[:, 2].min()
+    (below,), (above,) = cloud.parts, cloud.ceiling_parts
+    assert below.points_m[:, 2].max() <= 2.2 < above.points_m[:, 2].min()
     assert cloud.shown_count == 5000
-    assert len(cloud.points_m) == len(cloud.colours_rgb)
+    assert len(below.points_m) == len(below.colours_rgb)
+
+
+def test_a_cloud_comes_coarse_first_and_every_part_is_spread_over_all_of_it() -> None:
+    points = np.random.default_rng(0).uniform(0.0, 2.0, (400_000, 3)).astype(np.float32)
+    points[:, 0] += np.linspace(0.0, 100.0, 400_000, dtype=np.float32)
+    cloud = shown_cloud(points, np.zeros((400_000, 3), np.uint8))
+    assert [len(part.points_m) for part in cloud.parts] == [80_000, 150_000, 150_000, 20_000]
+    assert [part.name for part in cloud.parts[:2]] == ["/map/cloud/points", "/map/cloud/points1"]
+    for part in cloud.parts:
+        counts, _ = np.histogram(part.points_m[:, 0], bins=10, range=(0.0, 102.0))
+        assert counts.min() > 0.8 * len(part.points_m) / 10
+    together = np.vstack([part.points_m for part in cloud.parts])
+    assert np.array_equal(np.sort(together, axis=0), np.sort(points, axis=0)), "nothing is lost or shown twice"
+
+
+def test_who_owns_the_scene_chooses_how_a_large_cloud_is_thinned() -> None:
+    points = np.random.default_rng(0).uniform(0.0, 2.0, (1000, 3)).astype(np.float32)
+    cloud = shown_cloud(
+        points, np.zeros((1000, 3), np.uint8), max_count=100, thin=lambda cloud_m, count: np.arange(count)
+    )
+    together = np.vstack([part.points_m for part in cloud.parts])
+    assert np.array_equal(np.sort(together, axis=0), np.sort(points[:100], axis=0))
+    assert "100 of 1,000" in cloud.sentence
+
+
+# ------------------------------------------------------------------------------------------------- the cloud's colours
+def keyframes(places_m: list[tuple[float, float]], landmarks_count: int, std_m: float) -> dict[str, Any]:
+    """The arrays of a map whose key frames stood at these places of the floor, each seeing so many landmarks."""
+    count = len(places_m)
+    camera_from_world = np.tile(np.eye(4), (count, 1, 1))
+    camera_from_world[:, :2, 3] = -np.array(places_m).reshape(-1, 2)
+    return {
+        "camera_from_world": camera_from_world,
+        "feature_start": np.arange(count + 1, dtype=np.int64) * (landmarks_count + 5),
+        "feature_landmark": np.tile([*range(landmarks_count), -1, -1, -1, -1, -1], count).astype(np.int32),
+        "keyframe_covariance": np.tile(np.eye(6) * std_m**2 / 3, (count, 1, 1)),
+    }
+
+
+@pytest.mark.parametrize(
+    ("landmarks_count", "std_m", "grade"),
+    [
+        (300, 0.02, LocalizationGrade.GOOD), (90, 0.02, LocalizationGrade.FAIR), (30, 0.02, LocalizationGrade.POOR),
+        (300, 0.5, LocalizationGrade.POOR),
+    ],
+)  # fmt: skip
+def test_localization_is_graded_by_landmarks_and_certainty(
+    landmarks_count: int, std_m: float, grade: LocalizationGrade
+) -> None:
+    arrays = keyframes([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)], landmarks_count, std_m)
+    assert list(grades(np.array([[0.3, 0.3], [50.0, 0.0]]), arrays)) == [grade, LocalizationGrade.UNKNOWN]
+
+
+def test_of_a_map_without_key_frames_nothing_is_known() -> None:
+    assert list(grades(np.zeros((2, 2)), {})) == [LocalizationGrade.UNKNOWN] * 2
+    assert list(grades(np.zeros((2, 2)), keyframes([], 10, 0.1))) == [LocalizationGrade.UNKNOWN] * 2
+
+
+def test_colours_by_height_rise_from_the_floor_in_brightness() -> None:
+    heights = np.column_stack([np.zeros(20), np.zeros(20), np.linspace(0.0, 2.2, 20)]).astype(np.float32)
+    brightness = by_height(heights).astype(float) @ (0.2126, 0.7152, 0.0722)
+    assert (np.diff(brightness) > 0).all()
+
+
+def test_shading_darkens_and_keeps_the_order_of_the_channels() -> None:
+    seen = np.array([[0, 0, 0], [255, 255, 255]], np.uint8)
+    dark, bright = shaded(np.array([[200, 100, 50]] * 2, np.uint8), seen)
+    assert tuple(bright) == pytest.approx((200, 100, 50), abs=1)
+    assert (dark < bright).all()
+    assert list(np.argsort(dark)) == list(np.argsort(bright))
+
+
+def test_each_colouring_but_the_seen_one_has_a_legend() -> None:
+    assert legend(Colouring.SEEN) == ()
+    shown = {tuple(colour) for colour in by_localization(np.zeros((1, 3), np.float32), {})}
+    assert shown <= {colour for colour, _ in legend(Colouring.LOCALIZATION)}
+    assert len(legend(Colouring.HEIGHT)) > 3
+
+
+# --------------------------------------------------------------------------------------------------------- the road
+@given(
+    st.lists(st.tuples(st.floats(-20, 20), st.floats(-20, 20)), min_size=2, max_size=12).filter(
+        lambda path: all(math.dist(a, b) > 0.5 for a, b in itertools.pairwise(path))
+    )
+)
+@settings(max_examples=60, deadline=None)
+def test_a_band_lies_on_its_path_and_no_corner_sticks_out_far(path: list[tuple[float, float]]) -> None:
+    mesh = meshes.ribbon([np.array(path)], 0.4)
+    left, right = mesh.vertices_m[::2, :2], mesh.vertices_m[1::2, :2]
+    assert np.allclose((left + right) / 2, np.array(path), atol=1e-9)
+    assert float(np.linalg.norm(left - right, axis=1).max()) <= 0.4 * 4.0 + 1e-9
+    assert mesh.faces.max() < len(mesh.vertices_m)
+    assert len(mesh.faces) == 2 * (len(path) - 1)
 
 
 def test_points_that_are_no_numbers_are_left_out() -> None:

@@ -291,7 +291,7 @@ def test_the_page_around_can_fly_the_scene_of_its_own_session_to_a_place(
         tick(browser)
         lift = services.model.graph.pois["lift"]
         assert tuple(browser.view.client.camera.look_at)[:2] == pytest.approx((lift.x_m, lift.y_m))
-        assert (browser.view.editor.poi_id, other.view.editor.poi_id) == ("lift", None)
+        assert (browser.view.editor.selected, other.view.editor.selected) == (("poi", "lift"), None)
     finally:
         other.disconnect()
     assert services.views.ask(other.person.session_id, FlyToPoi("lift")) == 0, "a closed window hears nothing"

@@ -16,6 +16,7 @@ from console.roles import Role, SignedIn
 from console.viewer.labels import Lens, project
 from console.viewer.scene import Scene
 from console.viewer.session_view import SessionView
+from console.viewer.shortcuts import SHORTCUTS
 from console.viewer.tag import HEAD_Z_M
 from navcore.geometry import quat_xyzw_from_rotation
 
@@ -92,10 +93,10 @@ class FakeBrowser:
         return tuple(origin), tuple(direction / np.linalg.norm(direction)), tuple(pixels[0] / np.array(WINDOW_PX))
 
     # ------------------------------------------------------------------------------------ what a person does
-    def click_floor(self, x_m: float, y_m: float) -> None:
+    def click_floor(self, x_m: float, y_m: float, modifier: messages.KeyModifier | None = None) -> None:
         """Click at a place of the floor."""
         origin, direction, screen = self._ray((x_m, y_m, 0.0))
-        self.send(messages.ScenePointerMessage("click", origin, direction, (screen,), None))
+        self.send(messages.ScenePointerMessage("click", origin, direction, (screen,), modifier))
 
     def click_node(
         self, name: str, place_m: tuple[float, float, float], instance: int | None = None, owner: int | None = None
@@ -122,6 +123,18 @@ class FakeBrowser:
         x_m, y_m = self.view.editor.graph.edges[edge_id].path_m[0]
         self.click_node("/graph/edges", (x_m, y_m, 0.07), self.view.graph.instances.index(edge_id))
 
+    def click_road(self, road_id: str, x_m: float, y_m: float) -> None:
+        """Click on the band of a road, above a place of the floor."""
+        self.click_node(f"/road/{road_id}", (x_m, y_m, 0.0))
+
+    def tick(self) -> None:
+        """Let the scene look at model and hub once."""
+
+        async def look() -> None:
+            self.scene.tick()
+
+        self.run(look())
+
     def drag_poi(self, poi_id: str, phase: str, x_m: float, y_m: float) -> None:
         """Press, move or let go of the mouse with a tag in hand, above a place of the floor."""
         place = (x_m, y_m, HEAD_Z_M)
@@ -146,6 +159,10 @@ class FakeBrowser:
         commands = self.view.client.gui._command_handle_from_uuid
         uuid = next(key for key, command in commands.items() if command._impl.props.label == label)
         self.send(messages.CommandTriggerMessage(uuid))
+
+    def key(self, action: str) -> None:
+        """Press the key of an action of the table of shortcuts."""
+        self.press(next(each.words for each in SHORTCUTS if each.action == action))
 
     def set_widget(self, label: str, value: object) -> None:
         """Change, or press, the first visible widget of this label."""

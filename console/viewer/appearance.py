@@ -14,12 +14,6 @@ from navcore.planning.poi_graph import PoiKind
 Rgb = tuple[int, int, int]
 Shape = Literal["ball", "box", "post", "diamond"]
 
-ROAD: Rgb = (240, 200, 80)
-EDGE: Rgb = (88, 104, 124)
-EDGE_CLOSED: Rgb = (200, 60, 0)
-EDGE_SELECTED: Rgb = (255, 240, 120)
-PREVIEW: Rgb = (255, 240, 150)
-ARROW: Rgb = (235, 245, 255)
 ROUTE: Rgb = (20, 120, 255)
 TRAIL: Rgb = (190, 120, 220)
 WALKER: Rgb = (230, 60, 60)
@@ -30,10 +24,50 @@ CANDIDATE: Rgb = (0, 200, 150)
 CHOSEN: Rgb = (255, 255, 255)
 SONAR: Rgb = (230, 159, 0)
 SONAR_NEAR: Rgb = (230, 60, 60)
-FLOOR: Rgb = (24, 27, 33)
-GRID: Rgb = (48, 54, 64)
-GRID_SECTION: Rgb = (72, 80, 94)
 BRAND: Rgb = (86, 160, 233)
+
+
+@dataclass(frozen=True, slots=True)
+class Theme:
+    """The colours that depend on whether the scene is dark or light."""
+
+    name: Literal["dark", "light"]
+    floor: Rgb
+    grid: Rgb
+    grid_section: Rgb
+    road: Rgb
+    """The line that places and connections lie on."""
+    recorded: Rgb
+    """The band of road that somebody has walked."""
+    drawn: Rgb
+    """The band of road that somebody has drawn; it is dashed besides."""
+    edge: Rgb
+    edge_closed: Rgb
+    """Closed edges are dashed besides."""
+    selected: Rgb
+    preview: Rgb
+    arrow: Rgb
+    ring: Rgb
+    """Round what is selected."""
+    cursor: Rgb
+
+
+DARK = Theme(
+    "dark", (24, 27, 33), (48, 54, 64), (72, 80, 94), (240, 200, 80), (86, 70, 30), (20, 110, 165), (44, 62, 92),
+    (200, 60, 0), (255, 170, 0), (255, 240, 150), (235, 245, 255), (255, 255, 255), (255, 120, 200),
+)  # fmt: skip
+LIGHT = Theme(
+    "light", (238, 240, 243), (212, 217, 224), (184, 191, 201), (176, 124, 0), (200, 160, 70), (30, 120, 180),
+    (112, 124, 140), (190, 56, 0), (255, 170, 0), (0, 110, 190), (30, 42, 58), (20, 30, 44), (190, 20, 120),
+)  # fmt: skip
+THEMES: dict[str, Theme] = {theme.name: theme for theme in (DARK, LIGHT)}
+
+PEOPLE: tuple[Rgb, ...] = ((230, 159, 0), (86, 180, 233), (0, 158, 115), (204, 121, 167), (213, 94, 0))
+"""Rings of other people; their names stand beside them, for no colour is anybody's for long."""
+
+STEPS: tuple[Rgb, ...] = ((68, 1, 84), (59, 82, 139), (33, 145, 140), (94, 201, 98), (253, 231, 37))
+"""From low to high, in hue and in brightness: viridis, which no colour blindness confuses."""
+KNOWN_WELL, KNOWN_FAIRLY, KNOWN_POORLY, NOT_KNOWN = (0, 158, 115), (240, 200, 60), (213, 60, 0), (120, 124, 132)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,18 +19,39 @@ CEILING_M = 2.2
 _SURFACE_CELL_M = 0.25
 FOV_RAD = math.radians(50.0)
 """Vertical field of view of the scene's camera."""
+FIRST_ASPECT = 1.2
+"""Width to height of a window that is not known yet: beside the panel of a usual screen the scene is about so wide."""
 _OBLIQUE_RAD = math.radians(60.0)
 _FILLED_SHARE = 0.96
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ShownCloud:
-    """The points that a browser gets, below the ceiling cut and above it."""
+COARSE_COUNT = 80_000
+"""Points of the first part of a cloud: something is seen while the others are on their way."""
+PART_COUNT = 150_000
+"""Points of each further part."""
 
+Thin = Callable[[NDArray[np.float32], int], NDArray[np.int64]]
+"""Returns which points of a cloud (n, 3) are kept, at most so many."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CloudPart:
+    """A part of what is shown, a node of its own: spread over all of the map, not a piece of it."""
+
+    name: str
+    """Name of the node."""
     points_m: NDArray[np.float32]
     colours_rgb: NDArray[np.uint8]
-    ceiling_points_m: NDArray[np.float32]
-    ceiling_colours_rgb: NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownCloud:
+    """The points that a browser gets, in the order in which it gets them."""
+
+    parts: tuple[CloudPart, ...]
+    """Below the ceiling cut."""
+    ceiling_parts: tuple[CloudPart, ...]
+    """Above it."""
     total_count: int
     """Points of the site."""
     point_size_m: float
@@ -37,7 +59,7 @@ class ShownCloud:
     @property
     def shown_count(self) -> int:
         """Points that are sent."""
-        return len(self.points_m) + len(self.ceiling_points_m)
+        return sum(len(part.points_m) for part in (*self.parts, *self.ceiling_parts))
 
     @property
     def sentence(self) -> str:
@@ -80,24 +102,43 @@ class CameraView:
     look_at_m: tuple[float, float, float]
 
 
+def random_subset(points_m: NDArray[np.float32], max_count: int) -> NDArray[np.int64]:
+    """Keep points at random, the same ones each time."""
+    if len(points_m) <= max_count:
+        return np.arange(len(points_m))
+    return np.random.default_rng(0).choice(len(points_m), max_count, replace=False)
+
+
 def shown_cloud(
     points_m: NDArray[np.float32],
     colours_rgb: NDArray[np.uint8],
     max_count: int = MAX_POINTS_COUNT,
     ceiling_m: float = CEILING_M,
-    seed: int = 0,
+    thin: Thin = random_subset,
 ) -> ShownCloud:
-    """Thin a cloud (n, 3) to ``max_count`` points, at random, and cut it at the ceiling; non-finite points go."""
-    finite = np.isfinite(points_m).all(axis=1)
-    points, colours = points_m[finite], colours_rgb[finite]
-    total_count = len(points)
-    if total_count > max_count:
-        chosen = np.sort(np.random.default_rng(seed).choice(total_count, max_count, replace=False))
-        points, colours = points[chosen], colours[chosen]
+    """Thin a cloud (n, 3) to ``max_count`` points, cut it at the ceiling, and in parts; non-finite points go."""
+    finite = np.flatnonzero(np.isfinite(points_m).all(axis=1))
+    kept = finite[thin(points_m[finite], max_count)]
+    # In any order but the map's: each part is a thinner picture of the whole.
+    kept = np.random.default_rng(1).permutation(kept)
+    points, colours = points_m[kept], colours_rgb[kept]
     high = points[:, 2] > ceiling_m
     return ShownCloud(
-        points[~high], colours[~high], points[high], colours[high], total_count, _point_size_m(points)
-    )  # fmt: skip
+        _parts("/map/cloud", points[~high], colours[~high]),
+        _parts("/map/ceiling", points[high], colours[high]),
+        len(finite),
+        _point_size_m(points),
+    )
+
+
+def _parts(layer: str, points_m: NDArray[np.float32], colours_rgb: NDArray[np.uint8]) -> tuple[CloudPart, ...]:
+    cuts = [0, *range(COARSE_COUNT, len(points_m), PART_COUNT), len(points_m)]
+    names = [f"{layer}/points", *(f"{layer}/points{number}" for number in range(1, len(cuts)))]
+    return tuple(
+        CloudPart(name, points_m[start:end], colours_rgb[start:end])
+        for name, (start, end) in zip(names, itertools.pairwise(cuts), strict=False)
+        if end > start
+    )
 
 
 def _point_size_m(points_m: NDArray[np.float32]) -> float:
@@ -121,7 +162,7 @@ def floor_bounds(points_m: NDArray[np.float32], roads_m: Sequence[FloatArray]) -
     return FloorBounds(float(low[0]), float(low[1]), float(high[0]), float(high[1]))
 
 
-def overview(bounds: FloorBounds, aspect: float = 1.5, covered: float = 0.25) -> CameraView:
+def overview(bounds: FloorBounds, aspect: float = FIRST_ASPECT, covered: float = 0.25) -> CameraView:
     """Return an oblique view that holds the whole floor, its longer side across a window of this width to height.
 
     ``covered`` is the share of the window's width that the panel hides, at its right: the floor lies left of it.

@@ -1,48 +1,46 @@
-"""What one person is doing to the PoI-graph: mode, selection, a drag, a place or an edge about to be added.
+"""What one person is doing to the PoI-graph: mode, selection, a move, something that was begun, a conflict.
 
-No viser here: clicks and drags come in as points on the floor, and the scene draws what stands here. Every change goes
-through the model; what the model refuses leaves everything as it was, and is told in its own sentence.
+No viser here: clicks and drags come in as things and points on the floor, and the scene draws what stands here. Every
+change goes through the model; what the model refuses leaves everything as it was, and is told in its own sentence.
 """
 
 from __future__ import annotations
 
-import enum
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Collection
 
 import numpy as np
 
-from console.edits import AddEdge, AddPoi, DeleteEdge, DeletePoi, Edit, MovePoi, ProposeEdges, SetEdge, UpdatePoi
+from console import edits
+from console.edit_conflict import EditConflictError
+from console.edits import Edit, Thing, ThingKind
 from console.model import SiteModel
 from console.roles import EDITING, SignedIn
-from console.viewer.appearance import metres_text
+from console.viewer.begun import (
+    Begun,
+    CutRoad,
+    Drawing,
+    EdgeFrom,
+    FloorPoint,
+    JoinedRoad,
+    MergePlace,
+    Mode,
+    NewEdges,
+    NewPlace,
+    PlaceOnEdge,
+    TrimmedRoad,
+    hint_of,
+    things_gone,
+)
+from console.viewer.conflict import Conflict
+from console.viewer.moving import Hand, Moving, Tell
 from navcore.errors import VbrError
 from navcore.geometry import FloatArray
-from navcore.planning.poi_graph import Edge, Poi, PoiGraph, PoiKind
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
+from navcore.planning.projection import project_on_path
+from navcore.planning.road_edits import MEET_M
 
 MAX_SNAP_M = 1.0
 """A click farther from the road than this is no tag on it."""
-Tell = Callable[[str, str], None]
-"""Shows a heading and a sentence to the person."""
-FloorPoint = tuple[float, float]
-
-
-class Mode(enum.Enum):
-    """What a click does."""
-
-    SELECT = "select"
-    TAG = "tag"
-    CONNECT = "connect"
-
-
-@dataclass(frozen=True, slots=True)
-class PendingEdge:
-    """A piece of road between two places that is shown, and not yet accepted."""
-
-    a: str
-    b: str
-    path_m: FloatArray
-    length_m: float
 
 
 class Editor:
@@ -54,31 +52,51 @@ class Editor:
         self.may_edit = person.role in EDITING
         self._tell = tell
         self.mode = Mode.SELECT
-        self.poi_id: str | None = None
-        self.edge_id: str | None = None
-        self.moving_id: str | None = None
-        self.connect_from: str | None = None
-        self.pending_edge: PendingEdge | None = None
-        self.pending_tag: FloorPoint | None = None
-        self._moved: PoiGraph | None = None
-        self._moved_to: FloorPoint | None = None
-        self._refusal = ""
+        self.selected: Thing | None = None
+        self.begun: Begun | None = None
+        self._hand = Hand(model, self._who, tell, self._apply)
+        self.conflict: Conflict | None = None
+        self.is_free = False
+        """Whether new places stand where they are put, off the road."""
 
     # ------------------------------------------------------------------------------------------------ reading
     @property
     def graph(self) -> PoiGraph:
-        """The graph to draw: the draft, or what it would be if the drag ended here."""
-        return self._model.graph if self._moved is None else self._moved
+        """The graph to draw: the draft, or what it would be if the move ended here."""
+        return self._model.graph if self.moving is None else self.moving.graph
+
+    @property
+    def moving(self) -> Moving | None:
+        """The move that is going on."""
+        return self._hand.moving
+
+    @property
+    def moving_id(self) -> str | None:
+        """The place that is being moved."""
+        return None if self.moving is None else self.moving.poi.id
 
     @property
     def poi(self) -> Poi | None:
         """The selected place, as long as it exists."""
-        return self._model.graph.pois.get(self.poi_id or "")
+        return self._model.graph.pois.get(self._selected("poi"))
 
     @property
     def edge(self) -> Edge | None:
         """The selected edge, as long as it exists."""
-        return self._model.graph.edges.get(self.edge_id or "")
+        return self._model.graph.edges.get(self._selected("edge"))
+
+    @property
+    def road(self) -> Road | None:
+        """The selected road, as long as it exists."""
+        return self._model.graph.roads.get(self._selected("road"))
+
+    def _selected(self, kind: str) -> str:
+        return self.selected[1] if self.selected is not None and self.selected[0] == kind else ""
+
+    @property
+    def version(self) -> int:
+        """The version of the draft that is there now."""
+        return self._model.graph.version
 
     @property
     def can_undo(self) -> bool:
@@ -91,206 +109,345 @@ class Editor:
         return self._model.can_redo(self._who)
 
     @property
+    def wants_floor(self) -> bool:
+        """Whether a click means a place of the floor, whatever stands there."""
+        waits_for_place = isinstance(self.begun, PlaceOnEdge | TrimmedRoad | CutRoad)
+        return waits_for_place or self.mode in (Mode.TAG, Mode.DRAW)
+
+    @property
     def hint(self) -> str:
         """What to do next, in one sentence."""
-        if self.mode is Mode.TAG:
-            return "Name the place, then add it." if self.pending_tag else "Click on the road where the place is."
-        if self.mode is Mode.CONNECT:
-            return self._connect_hint()
-        if not self.may_edit:
-            return "Click a place to see what it is."
-        return "Click a place or a connection. Drag a place along the road."
-
-    def _connect_hint(self) -> str:
-        if self.pending_edge is not None:
-            a, b = self._name(self.pending_edge.a), self._name(self.pending_edge.b)
-            return f"{a} – {b}: {metres_text(self.pending_edge.length_m)} along the road. Press Enter to connect."
-        if self.connect_from is not None:
-            return f"From {self._name(self.connect_from)}: click the other place."
-        return "Click the two places to connect."
-
-    def _name(self, poi_id: str) -> str:
-        poi = self._model.graph.pois.get(poi_id)
-        return poi.name if poi is not None else "?"
+        if self.conflict is not None:
+            return "Two people have changed the same thing: choose which version stays."
+        if self.begun is not None:
+            return self.begun.hint(self._model.graph)
+        return hint_of(self.mode, self._model.graph, may_edit=self.may_edit, is_free=self.is_free)
 
     # --------------------------------------------------------------------------------------------- selecting
     def set_mode(self, mode: Mode) -> None:
         """Go over to another mode; what was begun is dropped."""
+        self.put_down()
         self.mode = mode if self.may_edit else Mode.SELECT
-        self._drop_begun()
+        self.begun = None
+
+    def begin(self, begun: Begun) -> None:
+        """Begin something that takes a click."""
+        self.put_down()
+        if self.may_edit:
+            self.mode, self.begun = Mode.SELECT, begun
 
     def escape(self) -> None:
-        """Drop what was begun; else leave the mode; else select nothing."""
-        if self._has_begun():
-            self._drop_begun()
+        """Drop what was begun or is being moved; else leave the mode; else select nothing."""
+        if self.begun is not None or self.moving is not None:
+            self.begun = None
+            self._hand.let_go()
         elif self.mode is not Mode.SELECT:
             self.mode = Mode.SELECT
         else:
-            self.poi_id = self.edge_id = None
+            self.selected = None
 
-    def select(self, poi_id: str | None = None, edge_id: str | None = None) -> None:
-        """Select a place, an edge, or nothing."""
-        self.poi_id, self.edge_id = poi_id, edge_id
+    def select(self, thing: Thing | None = None) -> None:
+        """Select a thing, or nothing."""
+        self.put_down()
+        self.selected = thing
 
-    def pick_poi(self, poi_id: str) -> None:
-        """A place was clicked."""
-        if self.mode is Mode.CONNECT:
-            self._pick_for_edge(poi_id)
-        else:
-            self._drop_begun()
-            self.select(poi_id=poi_id)
+    def pick(self, thing: Thing) -> None:
+        """A thing was clicked."""
+        self.put_down()
+        kind, key = thing
+        if kind == "poi" and self.wants_floor:
+            poi = self._model.graph.pois.get(key)
+            if poi is not None:
+                self.pick_floor((poi.x_m, poi.y_m))
+        elif kind == "poi" and isinstance(self.begun, MergePlace):
+            self._merge(self.begun.poi_id, key)
+        elif kind == "road" and isinstance(self.begun, JoinedRoad):
+            self._join(self.begun.road_id, key)
+        elif kind == "poi" and self.mode is Mode.CONNECT:
+            self._pick_for_edge(key)
+        elif self.mode is Mode.SELECT and not self.wants_floor:
+            self.begun = None
+            self.selected = thing
 
-    def pick_edge(self, edge_id: str) -> None:
-        """An edge was clicked."""
-        if self.mode is Mode.SELECT:
-            self.select(edge_id=edge_id)
-
-    def pick_floor(self, point_m: FloorPoint | None) -> None:
-        """The floor was clicked, or nothing at all."""
-        if self.mode is Mode.TAG and point_m is not None:
-            self._begin_tag(point_m)
-        elif self.mode is Mode.SELECT:
-            self.select()
-
-    # ---------------------------------------------------------------------------------------------- changing
-    def add_pending_tag(self, name: str, kind: PoiKind) -> bool:
-        """Add the place where the road was clicked; return whether it was taken."""
-        if self.pending_tag is None:
-            return False
-        before = self._model.graph
-        x_m, y_m = self.pending_tag
-        if not self._apply(AddPoi(name.strip(), kind, x_m, y_m)):
-            return False
-        self.pending_tag = None
-        self.select(poi_id=next(iter(self._model.graph.pois.keys() - before.pois.keys()), None))
-        return True
-
-    def rename(self, name: str) -> bool:
-        """Give the selected place another name."""
-        return self.poi is not None and self._apply(UpdatePoi(self.poi.id, name=name.strip()))
-
-    def update_poi(self, edit: UpdatePoi) -> bool:
-        """Change kind or spoken name of a place."""
-        return self._apply(edit)
-
-    def set_edge(self, edit: SetEdge) -> bool:
-        """Change how an edge may be walked."""
-        return self._apply(edit)
-
-    def delete_selected(self) -> None:
-        """Remove the selected place with its edges, or the selected edge."""
-        if self.poi is not None:
-            self._apply(DeletePoi(self.poi.id))
-        elif self.edge is not None:
-            self._apply(DeleteEdge(self.edge.id))
-
-    def propose_edges(self) -> int:
-        """Connect all neighbours along the road; return how many edges came of it."""
-        before = len(self._model.graph.edges)
-        return len(self._model.graph.edges) - before if self._apply(ProposeEdges()) else 0
-
-    def undo(self) -> None:
-        """Take back the own latest edit."""
-        self._attempt(lambda: self._model.undo(self._who))
-
-    def redo(self) -> None:
-        """Make again what was taken back last."""
-        self._attempt(lambda: self._model.redo(self._who))
-
-    # ---------------------------------------------------------------------------------------------- dragging
-    def drag_to(self, poi_id: str, point_m: FloorPoint | None) -> None:
-        """The place is being dragged over this point of the floor: it slides along the road, its edges follow."""
-        poi = self._model.graph.pois.get(poi_id)
-        if poi is None or self.mode is Mode.CONNECT or not self.may_edit:
-            self._end_drag()
-            return
-        if self.moving_id != poi_id:
-            self._end_drag()
-            self.select(poi_id=poi_id)
-        self.moving_id = poi_id
+    def pick_floor(self, point_m: FloorPoint | None, is_free: bool = False) -> None:
+        """The floor was clicked, or nothing at all; ``is_free``: off the road, if a place comes of it."""
+        self.put_down()
         if point_m is None:
             return
-        try:
-            point_m = self._slid(poi, point_m)
-            self._moved = self._model.preview(_move(poi, point_m))
-        except VbrError as error:
-            # Held at the last good place; said once, when the drag ends there.
-            self._refusal = str(error)
-        else:
-            self._moved_to, self._refusal = point_m, ""
+        match self.begun:
+            case PlaceOnEdge(edge_id):
+                self._begin_on_edge(edge_id, point_m)
+            case TrimmedRoad(road_id, start_m):
+                self._trim(road_id, start_m, point_m)
+            case CutRoad(road_id):
+                if self._near_road(road_id, point_m):
+                    self._finish(edits.SplitRoad(road_id, point_m))
+            case _ if self.mode is Mode.TAG:
+                self._begin_place(point_m, is_free or self.is_free)
+            case _ if self.mode is Mode.DRAW:
+                drawn = self.begun.points_m if isinstance(self.begun, Drawing) else ()
+                self.begun = Drawing((*drawn, self._met(point_m)))
+            case None if self.mode is Mode.SELECT:
+                self.selected = None
 
-    def drop(self, poi_id: str, point_m: FloorPoint | None) -> None:
-        """The drag has ended: one edit, which one undo takes back."""
-        self.drag_to(poi_id, point_m)
-        poi, target, refusal = self._model.graph.pois.get(poi_id), self._moved_to, self._refusal
-        self._end_drag()
-        if refusal:
-            self._tell("Not moved that far", refusal)
-        if poi is not None and target is not None:
-            self._apply(_move(poi, target))
-
-    def _slid(self, poi: Poi, point_m: FloorPoint) -> FloorPoint:
-        """A place on the road stays on it, wherever the hand is."""
-        return self._model.network.nearest(*point_m).xy_m if poi.on_road else point_m
-
-    def _end_drag(self) -> None:
-        self.moving_id = self._moved = self._moved_to = None
-        self._refusal = ""
-
-    # -------------------------------------------------------------------------------------------- connecting
-    def _pick_for_edge(self, poi_id: str) -> None:
-        if self.pending_edge is not None and poi_id == self.pending_edge.b:
-            self.accept_edge()
-        elif self.connect_from is None or poi_id == self.connect_from:
-            self.connect_from, self.pending_edge = poi_id, None
-        else:
-            self._begin_edge(self.connect_from, poi_id)
-        self.select(poi_id=poi_id)
-
-    def _begin_edge(self, a: str, b: str) -> None:
-        before = self._model.graph
-        try:
-            after = self._model.preview(AddEdge(a, b))
-        except VbrError as error:
-            self._tell("Not connected", str(error))
-            return
-        added = [after.edges[key] for key in after.edges.keys() - before.edges.keys()]
-        if added:
-            self.pending_edge = PendingEdge(a, b, np.array(added[0].path_m), added[0].length_m)
-
-    def accept_edge(self) -> bool:
-        """Add the piece of road that is shown."""
-        pending = self.pending_edge
-        if pending is None:
+    # ------------------------------------------------------------------------------------------------- places
+    def add_place(self, edit: edits.AddPoi) -> bool:
+        """Add the place that has been begun, with the name, kind and so on of ``edit``; return whether it was taken."""
+        begun = self.begun
+        if not isinstance(begun, NewPlace):
             return False
-        before = self._model.graph
-        accepted = self._apply(AddEdge(pending.a, pending.b))
-        self._drop_begun()
-        if accepted:
-            self.select(edge_id=next(iter(self._model.graph.edges.keys() - before.edges.keys()), None))
-        return accepted
+        x_m, y_m = begun.place_m
+        before = self._model.graph.pois.keys()
+        whole: Edit = edits.AddPoi(
+            edit.name, edit.kind, x_m, y_m, on_road=begun.on_road, spoken_name=edit.spoken_name, notes=edit.notes
+        )
+        if begun.edge_id is not None:
+            whole = edits.SplitEdge(begun.edge_id, x_m, y_m, edit.name, edit.kind)
+        if not self._finish(whole):
+            return False
+        self._select_new("poi", before)
+        return True
 
-    # --------------------------------------------------------------------------------------------- internals
-    def _begin_tag(self, point_m: FloorPoint) -> None:
+    def set_on_road(self, on_road: bool) -> None:
+        """Put the selected place on the road, or let it stand free where it is."""
+        if self.poi is not None:
+            self.apply(edits.MovePoi(self.poi.id, self.poi.x_m, self.poi.y_m, on_road=on_road))
+
+    def _begin_place(self, point_m: FloorPoint, is_free: bool) -> None:
+        if is_free:
+            self.begun = NewPlace(point_m, on_road=False)
+            return
         try:
             place = self._model.network.nearest(*point_m)
         except VbrError as error:
             self._tell("No place here", str(error))
             return
         if place.distance_m > MAX_SNAP_M:
-            self._tell("No place here", f"The road is {place.distance_m:.1f} m away: click on the yellow line.")
+            self._tell(
+                "No place here",
+                f"The road is {place.distance_m:.1f} m away: click on it, or hold Shift to put the place off the road.",
+            )
             return
-        self.pending_tag = place.xy_m
+        self.begun = NewPlace(place.xy_m)
 
-    def _has_begun(self) -> bool:
-        return any(begun is not None for begun in (self.connect_from, self.pending_edge, self.pending_tag))
+    def _begin_on_edge(self, edge_id: str, point_m: FloorPoint) -> None:
+        edge = self._model.graph.edges.get(edge_id)
+        if edge is None:
+            self.begun = None
+            return
+        place = project_on_path(np.array(edge.path_m), *point_m)
+        if place.distance_m > MAX_SNAP_M:
+            self._tell("No place here", f"The connection is {place.distance_m:.1f} m away: click on it.")
+            return
+        self.begun = NewPlace((place.x_m, place.y_m), edge_id=edge_id)
 
-    def _drop_begun(self) -> None:
-        self.connect_from = self.pending_edge = self.pending_tag = None
-        self._end_drag()
+    def _merge(self, other_id: str, poi_id: str) -> None:
+        if self._finish(edits.MergePois(poi_id, other_id)):
+            self.selected = ("poi", poi_id)
 
-    def _apply(self, edit: Edit) -> bool:
-        return self._attempt(lambda: self._model.apply(edit, self._who))
+    # ------------------------------------------------------------------------------------------- connections
+    def propose(self) -> None:
+        """Show the connections that would join all neighbours along the road."""
+        self.set_mode(Mode.SELECT)
+        self._begin_edges(edits.ProposeEdges(), is_proposal=True)
+
+    def accept_edges(self) -> bool:
+        """Add the pieces of road that are shown."""
+        begun = self.begun
+        if not isinstance(begun, NewEdges):
+            return False
+        before = self._model.graph.edges.keys()
+        edit = edits.ProposeEdges() if begun.is_proposal else edits.AddEdge(begun.edges[0].a, begun.edges[0].b)
+        if not self._finish(edit):
+            return False
+        if not begun.is_proposal:
+            self._select_new("edge", before)
+        return True
+
+    def _pick_for_edge(self, poi_id: str) -> None:
+        begun = self.begun
+        if isinstance(begun, NewEdges) and poi_id == begun.edges[0].b:
+            self.accept_edges()
+            return
+        if isinstance(begun, EdgeFrom) and poi_id != begun.poi_id:
+            self._begin_edges(edits.AddEdge(begun.poi_id, poi_id))
+        else:
+            self.begun = EdgeFrom(poi_id)
+        self.selected = ("poi", poi_id)
+
+    def _begin_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool = False) -> None:
+        before = self._model.graph
+        try:
+            after = self._model.preview(edit)
+        except VbrError as error:
+            self._tell("Nothing to connect" if is_proposal else "Not connected", str(error))
+            return
+        added = tuple(edge for key, edge in after.edges.items() if key not in before.edges)
+        if added:
+            self.begun = NewEdges(added, is_proposal)
+
+    # ------------------------------------------------------------------------------------------------- roads
+    def accept_drawing(self) -> bool:
+        """Make a road of the line that was drawn."""
+        if not isinstance(self.begun, Drawing):
+            return False
+        before = self._model.graph.roads.keys()
+        if len(self.begun.points_m) < 2:
+            self._tell("No road yet", "A road needs two points: click where it goes on.")
+            return False
+        if not self._finish(edits.DrawRoad(self.begun.points_m)):
+            return False
+        self._select_new("road", before)
+        return True
+
+    def take_back(self) -> None:
+        """Take the last point of what is being drawn back."""
+        if isinstance(self.begun, Drawing):
+            self.begun = Drawing(self.begun.points_m[:-1]) if len(self.begun.points_m) > 1 else None
+        elif isinstance(self.begun, TrimmedRoad) and self.begun.start_m is not None:
+            self.begun = TrimmedRoad(self.begun.road_id)
+
+    @property
+    def snapped_m(self) -> tuple[FloorPoint, ...]:
+        """The ends of what is being drawn that lie on a road."""
+        network = self._model.network
+        if not isinstance(self.begun, Drawing) or network.is_empty:
+            return ()
+        ends = {self.begun.points_m[0]: None, self.begun.points_m[-1]: None}
+        return tuple(end for end in ends if network.nearest(*end).distance_m < 1e-6)
+
+    def _met(self, point_m: FloorPoint) -> FloorPoint:
+        """A point near a road lies on it: what is drawn begins and ends on roads."""
+        network = self._model.network
+        if network.is_empty:
+            return point_m
+        place = network.nearest(*point_m)
+        return place.xy_m if place.distance_m < MEET_M else point_m
+
+    def _trim(self, road_id: str, start_m: FloorPoint | None, point_m: FloorPoint) -> None:
+        if not self._near_road(road_id, point_m):
+            return
+        if start_m is None:
+            place = project_on_path(self._road_path(road_id), *point_m)
+            self.begun = TrimmedRoad(road_id, (place.x_m, place.y_m))
+        else:
+            self._finish(edits.TrimRoad(road_id, start_m, point_m))
+
+    def _join(self, road_id: str, other_id: str) -> None:
+        if self._finish(edits.JoinRoads(road_id, other_id)):
+            self.selected = ("road", road_id)
+
+    def _near_road(self, road_id: str, point_m: FloorPoint) -> bool:
+        if road_id not in self._model.graph.roads:
+            self.begun = None
+            return False
+        distance_m = project_on_path(self._road_path(road_id), *point_m).distance_m
+        if distance_m > MAX_SNAP_M:
+            self._tell("Not on the road", f"The road is {distance_m:.1f} m away: click on the one that is highlighted.")
+        return distance_m <= MAX_SNAP_M
+
+    def _road_path(self, road_id: str) -> FloatArray:
+        return np.array(self._model.graph.roads[road_id].points_m)
+
+    # ----------------------------------------------------------------------------------------------- changing
+    def apply(self, edit: Edit, base_version: int | None = None) -> bool:
+        """Make an edit; ``base_version`` is the version that was looked at. Return whether it was made."""
+        self.put_down()
+        return self._apply(edit, base_version)
+
+    def delete_selected(self) -> None:
+        """Remove the selected place with its edges, the selected edge, or the selected road."""
+        self.escape_move()
+        if self.poi is not None:
+            self._apply(edits.DeletePoi(self.poi.id))
+        elif self.edge is not None:
+            self._apply(edits.DeleteEdge(self.edge.id))
+        elif self.road is not None:
+            self._apply(edits.DeleteRoad(self.road.id))
+
+    def undo(self) -> None:
+        """Take back the own latest edit."""
+        self.put_down()
+        self._attempt(lambda: self._model.undo(self._who))
+
+    def redo(self) -> None:
+        """Make again what was taken back last."""
+        self.put_down()
+        self._attempt(lambda: self._model.redo(self._who))
+
+    def use_mine(self) -> None:
+        """Make the edit that was refused, over the version of somebody else."""
+        conflict, self.conflict = self.conflict, None
+        if conflict is not None:
+            self._apply(conflict.edit, conflict.version)
+
+    def keep_theirs(self) -> None:
+        """Leave the version of somebody else as it is."""
+        self.conflict = None
+
+    # ----------------------------------------------------------------------------------------------- moving
+    def drag_to(self, poi_id: str, point_m: FloorPoint | None) -> None:
+        """The place is being dragged over this point of the floor: it slides along the road, its edges follow."""
+        if not self.may_edit or self.mode is not Mode.SELECT:
+            return
+        if self.moving_id != poi_id and poi_id in self._model.graph.pois:
+            self.selected, self.begun = ("poi", poi_id), None
+        self._hand.drag_to(poi_id, point_m)
+
+    def drop(self, poi_id: str, point_m: FloorPoint | None) -> None:
+        """The drag has ended: one edit, which one undo takes back."""
+        if self.moving_id == poi_id:
+            self.drag_to(poi_id, point_m)
+            self.put_down()
+
+    def nudge(self, towards: FloorPoint, step_m: float, now_s: float) -> None:
+        """Move the selected place by a step in a direction: along the road, or freely where it stands free."""
+        if self.poi is not None and self.may_edit:
+            self._hand.nudge(self.poi, towards, step_m, now_s)
+
+    def rest(self, now_s: float) -> None:
+        """Time goes by: nudges that have come to rest become an edit."""
+        self._hand.rest(now_s)
+
+    def put_down(self) -> None:
+        """End a move where it is: an edit, where it has led anywhere."""
+        self._hand.put_down()
+
+    def escape_move(self) -> None:
+        """End a move as if it had never begun."""
+        self._hand.let_go()
+
+    def keep_up(self) -> None:
+        """The draft has changed, by whomever: what is shown here and no longer there is let go of."""
+        if self.begun is not None and things_gone(self.begun, self._model.graph):
+            self.begun = None
+        if self.selected is not None and self.poi is None and self.edge is None and self.road is None:
+            self.selected = None
+        self._hand.keep_up()
+
+    # --------------------------------------------------------------------------------------------- internals
+    def _finish(self, edit: Edit) -> bool:
+        """Make the edit that was begun; where it is refused, it stays begun."""
+        done = self._apply(edit)
+        if done:
+            self.begun = None
+        return done
+
+    def _select_new(self, kind: ThingKind, before: Collection[str]) -> None:
+        graph = self._model.graph
+        of_kind: dict[ThingKind, Collection[str]] = {"poi": graph.pois, "edge": graph.edges, "road": graph.roads}
+        new = next((key for key in of_kind[kind] if key not in before), None)
+        self.selected = (kind, new) if new is not None else None
+
+    def _apply(self, edit: Edit, base_version: int | None = None) -> bool:
+        def make() -> None:
+            try:
+                self._model.apply(edit, self._who, base_version)
+            except EditConflictError as error:
+                self.conflict = Conflict.of(edit, error)
+                raise
+
+        return self._attempt(make)
 
     def _attempt(self, action: Callable[[], object]) -> bool:
         if not self.may_edit:
@@ -302,7 +459,3 @@ class Editor:
             self._tell("Not changed", str(error))
             return False
         return True
-
-
-def _move(poi: Poi, point_m: FloorPoint) -> MovePoi:
-    return MovePoi(poi.id, point_m[0], point_m[1], on_road=poi.on_road)

@@ -12,24 +12,30 @@ import asyncio
 import contextlib
 import threading
 import time
-from collections.abc import Awaitable, Callable, Coroutine, Iterator
+from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Sequence
 from concurrent.futures import Future
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
 from typing import Any, Protocol, TypeVar
 
+import numpy as np
 import rich
 import viser
+import viser._assignable_props_api as assignable_props
 import viser._client_autobuild as client_autobuild
 import viser._messages as viser_messages
 import viser.infra._infra as viser_infra
 import websockets.exceptions
+from viser.infra._async_message_buffer import AsyncMessageBuffer
+from viser.infra._messages import Message, get_type_hints_cached
 
 from console.roles import SignedIn
 from console.viewer.guard import InboundGuard, Verdict
 
 VISER_VERSION = "1.1.1"
 SUBPROTOCOL = f"viser-v{VISER_VERSION}"
+PORTION_BYTES = 4 << 20
+"""What is sent at once, about."""
 T = TypeVar("T")
 
 
@@ -49,11 +55,15 @@ class Socket(Protocol):
 class Connection:
     """What viser's handler takes for a ``websockets`` connection: lives in its loop, the socket in the application's.
 
-    ``identity`` is who sits at the other end; viser keeps this object, so it can be asked for later.
+    ``identity`` is who sits at the other end, and ``prefers_light`` which theme their browser asks for; viser keeps
+    this object, so it can be asked for later.
     """
 
-    def __init__(self, socket: Socket, socket_loop: asyncio.AbstractEventLoop, identity: SignedIn) -> None:
+    def __init__(
+        self, socket: Socket, socket_loop: asyncio.AbstractEventLoop, identity: SignedIn, prefers_light: bool = False
+    ) -> None:
         self.identity = identity
+        self.prefers_light = prefers_light
         self.subprotocol = SUBPROTOCOL
         self._socket = socket
         self._socket_loop = socket_loop
@@ -99,6 +109,9 @@ class EmbeddedViser:
         with _without_port(captured):
             self.server = viser.ViserServer(host="127.0.0.1", port=0, verbose=False)
         self._handler = captured[0]
+        _send_in_portions(self.server._websock_server._broadcast_buffer)
+        # Viser reads the types of properties anew for each node, half of what a node costs: they stay the same.
+        vars(assignable_props)["get_type_hints"] = get_type_hints_cached
         for message in (viser_messages.ShareUrlRequest, viser_messages.ShareUrlDisconnect):
             self.server._websock_server.unregister_handler(message)
         self._running: dict[Connection, Future[None]] = {}
@@ -112,9 +125,9 @@ class EmbeddedViser:
         assert loop is not None
         return loop
 
-    async def serve(self, socket: Socket, visitor: SignedIn) -> None:
+    async def serve(self, socket: Socket, visitor: SignedIn, prefers_light: bool = False) -> None:
         """Run viser over an accepted socket, until either side closes it. Called in the application's loop."""
-        connection = Connection(socket, asyncio.get_running_loop(), visitor)
+        connection = Connection(socket, asyncio.get_running_loop(), visitor, prefers_light)
         with self._lock:
             if self._stopped:
                 return
@@ -135,6 +148,15 @@ class EmbeddedViser:
         identity: SignedIn = connection.identity
         return identity
 
+    def is_open(self, client: viser.ClientHandle) -> bool:
+        """Whether a client is still connected: when it goes, viser ends its drags as if the mouse had been let go."""
+        return client.client_id in self.server._websock_server._live_connections
+
+    def prefers_light(self, client: viser.ClientHandle) -> bool:
+        """Whether the browser of a client asks for a light theme."""
+        connection = self.server._websock_server._live_connections.get(client.client_id)
+        return bool(getattr(connection, "prefers_light", False))
+
     def close_session(self, session_id: str, code: int = 4401, reason: str = "Signed out.") -> None:
         """Close every socket of a session: after sign-out, or when a role has changed."""
         with self._lock:
@@ -151,6 +173,51 @@ class EmbeddedViser:
             task.cancel()
         with _quiet():
             self.server.stop()
+
+
+def _send_in_portions(buffer: AsyncMessageBuffer) -> None:
+    """Let a newcomer get what is shared in portions: viser would send up to 128 messages, the whole map, as one.
+
+    So the first part of the cloud is seen while the others are on their way, and no more than one portion is held in
+    memory for each browser.
+    """
+    whole_windows = buffer.window_generator
+
+    def window_generator(
+        client_id: int, backlog_done_message: Message | None = None
+    ) -> AsyncGenerator[Sequence[Message], None]:
+        return _portions(whole_windows(client_id, backlog_done_message))
+
+    vars(buffer)["window_generator"] = window_generator
+
+
+async def _portions(windows: AsyncGenerator[Sequence[Message], None]) -> AsyncGenerator[Sequence[Message], None]:
+    try:
+        async for window in windows:
+            for portion in portions(window):
+                yield portion
+    finally:
+        await windows.aclose()
+
+
+def portions(messages: Sequence[Message], max_bytes: int = PORTION_BYTES) -> Iterator[list[Message]]:
+    """Cut messages into portions whose arrays are together no larger than this, unless one alone is."""
+    portion: list[Message] = []
+    size_bytes = 0
+    for message in messages:
+        message_bytes = _array_bytes(message)
+        if portion and size_bytes + message_bytes > max_bytes:
+            yield portion
+            portion, size_bytes = [], 0
+        portion.append(message)
+        size_bytes += message_bytes
+    if portion:
+        yield portion
+
+
+def _array_bytes(message: Message) -> int:
+    values = vars(getattr(message, "props", message)).values()
+    return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
 
 
 def client_html() -> str:

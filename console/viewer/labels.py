@@ -44,17 +44,17 @@ def readable(spots: Sequence[LabelSpot], lens: Lens) -> set[str]:
         return set()
     pixels, depth_m = project(np.array([spot.place_m for spot in spots], dtype=np.float64), lens)
     order = sorted(range(len(spots)), key=lambda i: (-spots[i].importance, depth_m[i], spots[i].key))
-    taken = np.zeros((0, 4))
-    shown: set[str] = set()
+    taken, shown = np.zeros((len(spots), 4)), set[str]()
     for i in order:
         if depth_m[i] <= 0.05:
             continue
         box = _box(spots[i], pixels[i])
+        others = taken[: len(shown)]
         apart = (
-            (taken[:, 2] < box[0]) | (taken[:, 0] > box[2]) | (taken[:, 3] < box[1]) | (taken[:, 1] > box[3])
+            (others[:, 2] < box[0]) | (others[:, 0] > box[2]) | (others[:, 3] < box[1]) | (others[:, 1] > box[3])
         )  # fmt: skip
         if apart.all():
-            taken = np.vstack([taken, box])
+            taken[len(shown)] = box
             shown.add(spots[i].key)
     return shown
 

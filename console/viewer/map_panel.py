@@ -1,24 +1,21 @@
-"""The map editor's part of the panel: modes, undo, the place about to be added, and what is selected."""
+"""The map editor's part of the panel: modes, undo, what is about to be added, a conflict, who else is here."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import viser
 
-from console.edits import SetEdge, UpdatePoi
-from console.viewer import appearance as look
-from console.viewer.editor import Editor, Mode
-from console.viewer.widgets import Refresh, on_change, on_choice, on_press, set_value
-from console.viewer.wording import card
-from navcore.planning.poi_graph import Edge, Poi
+from console.viewer.begun import Drawing, Mode, NewEdges, NewPlace
+from console.viewer.conflict import Conflict
+from console.viewer.editor import Editor
+from console.viewer.line_forms import ConnectionForm, RoadForm
+from console.viewer.place_forms import Guide, NewPlaceForm, PlaceForm
+from console.viewer.widgets import Refresh, on_change, on_choice, on_press
+from console.viewer.wording import card, conflict_card, people_card
 
-_MODE_WORDS = {Mode.SELECT: "Select (1)", Mode.TAG: "Tag a place (2)", Mode.CONNECT: "Connect (3)"}
-_PROPOSE, _PUBLISH, _PUBLISHED = "Join all", "Publish", "Published"
-
-Guide = Callable[[str], None]
-"""Asks to lead the walker to a place."""
+_PROPOSE, _PUBLISH, _PUBLISHED = "Propose", "Publish", "Published"
 
 
 class MapPanel:
@@ -39,42 +36,58 @@ class MapPanel:
         self._editor = editor
         self._refresh = refresh
         self._hint = self._gui.add_html("")
+        self._people = self._gui.add_html("", visible=False)
+        self._conflict = _ConflictForm(self._gui, editor, refresh) if editor.may_edit else None
         if editor.may_edit:
             self._add_tools(publish)
-        self._tag = _TagForm(self._gui, editor, refresh) if editor.may_edit else None
-        self._place = _PlaceForm(self._gui, editor, refresh, guide)
-        self._connection = _ConnectionForm(self._gui, editor, refresh)
+        self._new_place = NewPlaceForm(self._gui, editor, refresh) if editor.may_edit else None
+        self._place = PlaceForm(self._gui, editor, refresh, guide)
+        self._connection = ConnectionForm(self._gui, editor, refresh)
+        self._road = RoadForm(self._gui, editor, refresh)
 
     def _add_tools(self, publish: Callable[[], None]) -> None:
         gui, editor = self._gui, self._editor
         self._modes = {
             mode: gui.add_button(word, icon=icon, hint=hint)
             for mode, word, icon, hint in (
-                (Mode.SELECT, _MODE_WORDS[Mode.SELECT], viser.Icon.POINTER, "Select, drag, rename, delete"),
-                (Mode.TAG, _MODE_WORDS[Mode.TAG], viser.Icon.MAP_PIN_PLUS, "Click on the road to tag a place"),
-                (Mode.CONNECT, _MODE_WORDS[Mode.CONNECT], viser.Icon.ROUTE, "Click two places to connect them"),
+                (Mode.SELECT, "Select (1)", viser.Icon.POINTER, "Select, drag, rename, delete"),
+                (Mode.TAG, "Tag a place (2)", viser.Icon.MAP_PIN_PLUS, "Click on the road to tag a place"),
+                (Mode.CONNECT, "Connect (3)", viser.Icon.ROUTE, "Click two places to connect them"),
+                (Mode.DRAW, "Draw a road (4)", viser.Icon.LINE, "Click on the floor to draw a road"),
             )
         }
         for mode, button in self._modes.items():
             self._on_press(button, partial(editor.set_mode, mode))
-        self._connect = gui.add_button("Connect (Enter)", icon=viser.Icon.CHECK, color="green", visible=False)
-        self._on_press(self._connect, editor.accept_edge)
+        self._free = gui.add_checkbox(
+            "Free position", False, visible=False, hint="New places stand where you click, off the road (Shift+click)"
+        )
+        on_change(self._free, self._set_free, self._refresh)
+        self._accept = gui.add_button("Accept (Enter)", icon=viser.Icon.CHECK, color="green", visible=False)
+        self._on_press(self._accept, self.accept)
         self._undo_redo = gui.add_button_group("Edits", ("Undo", "Redo"), hint="Ctrl+Z, Ctrl+Shift+Z")
         on_choice(self._undo_redo, {"Undo": editor.undo, "Redo": editor.redo}, self._refresh)
         self._more = gui.add_button_group("Map", (_PROPOSE, _PUBLISHED), hint=(
-            "Join all: connect all neighbours along the road. Publish: give this map to the devices."
+            "Propose: connections between all neighbours along the road. Publish: give this map to the devices."
         ))  # fmt: skip
-        on_choice(self._more, {_PROPOSE: editor.propose_edges, _PUBLISH: publish, _PUBLISHED: publish}, self._refresh)
+        on_choice(self._more, {_PROPOSE: editor.propose, _PUBLISH: publish, _PUBLISHED: publish}, self._refresh)
 
     def _on_press(self, button: viser.GuiButtonHandle, action: Callable[[], object]) -> None:
         on_press(button, action, self._refresh)
 
+    def _set_free(self) -> None:
+        self._editor.is_free = self._free.value
+
     def accept(self) -> None:
         """Enter was pressed: take what is about to be added."""
-        if self._editor.pending_edge is not None:
-            self._editor.accept_edge()
-        elif self._tag is not None and self._editor.pending_tag is not None:
-            self._tag.add()
+        match self._editor.begun:
+            case NewEdges():
+                self._editor.accept_edges()
+            case Drawing():
+                self._editor.accept_drawing()
+            case NewPlace() if self._new_place is not None:
+                self._new_place.add()
+            case _:
+                self._editor.put_down()
 
     def show(self, unpublished: bool) -> None:
         """Bring the widgets in line with the editor."""
@@ -83,130 +96,46 @@ class MapPanel:
         if editor.may_edit:
             for mode, button in self._modes.items():
                 button.color = "blue" if mode is editor.mode else "gray"
-            self._connect.visible = editor.pending_edge is not None
+            self._free.visible = editor.mode is Mode.TAG and editor.begun is None
+            self._accept.visible = isinstance(editor.begun, NewEdges | Drawing)
             self._more.options = (_PROPOSE, _PUBLISH if unpublished else _PUBLISHED)
-        if self._tag is not None:
-            self._tag.show()
+        if self._conflict is not None and self._conflict.show():
+            # One of the two versions was chosen: the forms show what is there now.
+            self._place.forget()
+            self._connection.forget()
+        if self._new_place is not None:
+            self._new_place.show()
         # While two places are being connected, the form of one of them would only be in the way.
-        self._place.show(editor.poi if editor.pending_tag is None and editor.mode is not Mode.CONNECT else None)
-        self._connection.show(editor.edge)
+        is_quiet = editor.begun is None and editor.mode is not Mode.CONNECT
+        self._place.show(editor.poi if is_quiet else None)
+        self._connection.show(editor.edge if is_quiet else None)
+        self._road.show(editor.road if is_quiet else None)
+
+    def show_people(self, lines: Sequence[str]) -> None:
+        """Name the others who are here, and what they do."""
+        self._people.visible = bool(lines)
+        self._people.content = people_card(lines)
 
 
-class _TagForm:
-    """Name and kind of the place about to be added."""
-
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
-        self._editor = editor
-        self._shown = False
-        self._folder = gui.add_folder("New place", visible=False)
-        with self._folder:
-            self._name = gui.add_text("Name", "")
-            self._kind = gui.add_dropdown("Kind", tuple(look.KIND_OF_WORD), initial_value="Room")
-            add = gui.add_button("Add place (Enter)", icon=viser.Icon.CHECK, color="green")
-            cancel = gui.add_button("Cancel (Esc)", color="gray")
-        on_press(add, self.add, refresh)
-        on_press(cancel, editor.escape, refresh)
-
-    def add(self) -> None:
-        """Add the place; an empty name becomes the kind."""
-        name = self._name.value.strip() or self._kind.value
-        if self._editor.add_pending_tag(name, look.KIND_OF_WORD[self._kind.value]):
-            set_value(self._name, "")
-
-    def show(self) -> None:
-        """Show the form while a place is about to be added."""
-        self._folder.visible = self._editor.pending_tag is not None
-
-
-class _PlaceForm:
-    """Name, spoken name and kind of the selected place."""
-
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh, guide: Guide | None) -> None:
-        self._editor = editor
-        self._poi: Poi | None = None
-        self._folder = gui.add_folder("Place", visible=False)
-        locked = not editor.may_edit
-        with self._folder:
-            self._name = gui.add_text("Name", "", disabled=locked)
-            self._kind = gui.add_dropdown("Kind", tuple(look.KIND_OF_WORD), disabled=locked)
-            self._spoken = gui.add_text("Spoken", "", disabled=locked, hint="What the walker hears; empty: the name")
-            if editor.may_edit:
-                self._rename = gui.add_button("Apply", icon=viser.Icon.CHECK)
-                on_press(self._rename, self._apply, refresh)
-                delete = gui.add_button("Delete place", icon=viser.Icon.TRASH, color="red", hint="Delete")
-                on_press(delete, editor.delete_selected, refresh)
-            if guide is not None:
-                button = gui.add_button("Guide the walker here", icon=viser.Icon.NAVIGATION, color="teal")
-                on_press(button, lambda: guide(self._poi.id) if self._poi is not None else None, refresh)
-        on_change(self._kind, self._apply, refresh)
-
-    def _apply(self) -> None:
-        if self._poi is None:
-            return
-        name, spoken = self._name.value.strip(), self._spoken.value.strip()
-        kind = look.KIND_OF_WORD.get(self._kind.value)
-        self._editor.update_poi(UpdatePoi(self._poi.id, name=name, kind=kind, spoken_name=spoken))
-        self._poi = None
-
-    def show(self, poi: Poi | None) -> None:
-        """Show a place; what is being typed stays until another place, or another version of it, is shown."""
-        self._folder.visible = poi is not None
-        if poi is None:
-            self._poi = None
-            return
-        before, self._poi = self._poi, poi
-        if before is None or _naming(before) != _naming(poi):
-            set_value(self._name, poi.name)
-            set_value(self._kind, look.KINDS[poi.kind].word)
-            set_value(self._spoken, poi.spoken_name)
-
-
-def _naming(poi: Poi) -> tuple[str, ...]:
-    return poi.id, poi.name, poi.kind, poi.spoken_name
-
-
-class _ConnectionForm:
-    """One-way, closed and cost of the selected edge."""
+class _ConflictForm:
+    """Both versions of what two people have changed, and which of them stays."""
 
     def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
         self._editor = editor
-        self._edge: Edge | None = None
-        self._folder = gui.add_folder("Connection", visible=False)
-        locked = not editor.may_edit
+        self._shown: Conflict | None = None
+        self._folder = gui.add_folder("Conflict", visible=False)
         with self._folder:
             self._words = gui.add_html("")
-            self._one_way = gui.add_checkbox("One way", False, disabled=locked)
-            self._closed = gui.add_checkbox("Closed", False, disabled=locked)
-            self._cost = gui.add_number("Cost ×", 1.0, min=1.0, max=100.0, step=0.5, disabled=locked, hint=(
-                "1 is the pure distance; a higher value is avoided where there is another way"
-            ))  # fmt: skip
-            if editor.may_edit:
-                delete = gui.add_button("Delete connection", icon=viser.Icon.TRASH, color="red", hint="Delete")
-                on_press(delete, editor.delete_selected, refresh)
-        for widget in (self._one_way, self._closed, self._cost):
-            on_change(widget, self._apply, refresh)
+            self._mine = gui.add_button("Use mine", color="orange")
+            self._theirs = gui.add_button("Keep theirs", color="gray")
+        on_press(self._mine, editor.use_mine, refresh)
+        on_press(self._theirs, editor.keep_theirs, refresh)
 
-    def _apply(self) -> None:
-        if self._edge is None:
-            return
-        self._editor.set_edge(
-            SetEdge(
-                self._edge.id, one_way=self._one_way.value, closed=self._closed.value,
-                cost_multiplier=float(self._cost.value),
-            )
-        )  # fmt: skip
-        self._edge = None
-
-    def show(self, edge: Edge | None) -> None:
-        """Show an edge."""
-        self._folder.visible = edge is not None
-        if edge is None or edge == self._edge:
-            self._edge = edge
-            return
-        self._edge = edge
-        pois = self._editor.graph.pois
-        a, b = pois[edge.a].name, pois[edge.b].name
-        self._words.content = card(f"{a} {'→' if edge.one_way else '–'} {b}, {look.metres_text(edge.length_m)}")
-        set_value(self._one_way, edge.one_way)
-        set_value(self._closed, edge.closed)
-        set_value(self._cost, edge.cost_multiplier)
+    def show(self) -> bool:
+        """Show the editor's conflict; return whether one has just been settled."""
+        before, self._shown = self._shown, self._editor.conflict
+        self._folder.visible = self._shown is not None
+        if self._shown is not None:
+            self._words.content = conflict_card(self._shown.sentence, self._shown.by, self._shown.rows)
+            self._mine.visible = self._shown.can_insist
+        return before is not None and self._shown is None

@@ -62,6 +62,56 @@ def walker_body() -> Mesh:
     )  # fmt: skip
 
 
+def merged(*parts: tuple[Mesh, float]) -> Mesh:
+    """Put meshes together as one, each raised by a height in metres."""
+    vertices = [mesh.vertices_m + np.array([0.0, 0.0, up_m]) for mesh, up_m in parts]
+    firsts = np.cumsum([0, *(len(part) for part in vertices)])[:-1]
+    faces = [mesh.faces + np.uint32(first) for (mesh, _), first in zip(parts, firsts, strict=True)]
+    return Mesh(np.vstack(vertices), np.vstack(faces))
+
+
+def ball(radius_m: float, sides_count: int = 18, rings_count: int = 10) -> Mesh:
+    """A ball about the origin."""
+    angles = np.linspace(-math.pi / 2, math.pi / 2, rings_count)
+    return lathe([(radius_m * math.cos(a), radius_m * math.sin(a)) for a in angles], sides_count)
+
+
+def upright(radius_m: float, height_m: float, sides_count: int = 20) -> Mesh:
+    """A closed upright cylinder about the origin; of four sides, a box."""
+    half_m = height_m / 2
+    return lathe([(0.0, -half_m), (radius_m, -half_m), (radius_m, half_m), (0.0, half_m)], sides_count)
+
+
+def diamond(radius_m: float) -> Mesh:
+    """An octahedron about the origin."""
+    return lathe([(0.0, -radius_m), (radius_m, 0.0), (0.0, radius_m)], 4)
+
+
+def ribbon(paths_m: Sequence[FloatArray], width_m: float) -> Mesh:
+    """Flat bands of one width along paths (n, 2), on the floor, facing up."""
+    vertices: list[FloatArray] = []
+    faces: list[NDArray[np.uint32]] = []
+    first = 0
+    for path in paths_m:
+        side = _sides(path) * (width_m / 2)
+        both = np.stack([path + side, path - side], axis=1).reshape(-1, 2)
+        vertices.append(np.column_stack([both, np.zeros(len(both))]))
+        left = first + 2 * np.arange(len(path) - 1, dtype=np.uint32)
+        faces += [np.column_stack([left, left + 1, left + 2]), np.column_stack([left + 1, left + 3, left + 2])]
+        first += len(both)
+    return Mesh(np.vstack(vertices), np.vstack(faces).astype(np.uint32))
+
+
+def _sides(path_m: FloatArray) -> FloatArray:
+    """Return at each point of a path (n, 2) the way to its left edge, longer at bends, so that the width holds."""
+    steps = np.diff(path_m, axis=0)
+    along = steps / np.maximum(np.linalg.norm(steps, axis=1, keepdims=True), 1e-9)
+    left = np.column_stack([-along[:, 1], along[:, 0]])
+    before, after = np.vstack([left[:1], left]), np.vstack([left, left[-1:]])
+    # At a sharp bend the corner would lie far away: it is cut.
+    return np.asarray((before + after) / np.maximum(1.0 + (before * after).sum(axis=1, keepdims=True), 0.5))
+
+
 def ring(radius_m: float, width_m: float, sides_count: int = 48) -> Mesh:
     """A flat ring on the floor."""
     return lathe([(max(radius_m - width_m, 0.0), 0.0), (radius_m, 0.0)], sides_count)

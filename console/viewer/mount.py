@@ -20,7 +20,7 @@ from starlette.requests import HTTPConnection
 from console.roles import SignedIn
 from console.sockets import SessionSockets
 from console.viewer.embedded import SUBPROTOCOL, EmbeddedViser, client_html
-from console.viewer.page import ScenePage, scene_page
+from console.viewer.page import THEME_COOKIE, ScenePage, scene_page
 
 PAGE_PATH = "/viewer/scene/"
 SOCKET_PATH = "/viewer/scene"
@@ -56,7 +56,7 @@ def mount(
         await socket.accept(subprotocol=SUBPROTOCOL)
         forget = sockets.add(visitor.session_id, lambda: embedded.close_session(visitor.session_id))
         try:
-            await embedded.serve(socket, visitor)
+            await embedded.serve(socket, visitor, prefers_light=socket.cookies.get(THEME_COOKIE) == "light")
         finally:
             forget()
 

@@ -13,6 +13,8 @@ import json
 from dataclasses import dataclass
 from html.parser import HTMLParser
 
+THEME_COOKIE = "vbr-theme"
+"""Says whether this browser asks for a light theme: the scene's socket can carry nothing else."""
 _WATCH_SCRIPT = """
 document.hasFocus = () => document.visibilityState === 'visible';
 (() => {
@@ -27,6 +29,14 @@ document.hasFocus = () => document.visibilityState === 'visible';
   setInterval(look, 5000);
 })();
 (() => {
+  const light = matchMedia('(prefers-color-scheme: light)');
+  const keep = () => {
+    document.cookie = '%(theme_cookie)s=' + (light.matches ? 'light' : 'dark') + '; path=/; SameSite=Strict';
+  };
+  keep();
+  light.addEventListener('change', keep);
+})();
+(() => {
   // Shortcuts are deaf while somebody types: Enter and Escape in a text field leave it, and then count.
   const SEND_MS = 150;
   const field = (target) => target.matches?.('input:not([type]), input[type=text]') && !target.readOnly
@@ -37,6 +47,20 @@ document.hasFocus = () => document.visibilityState === 'visible';
     // The last letters are still on their way to the console.
     const again = new KeyboardEvent('keydown', {key: event.key, code: event.key, bubbles: true});
     setTimeout(() => document.body.dispatchEvent(again), SEND_MS);
+  }, true);
+  // Plain arrows and Space are the editor's; the camera, which knows keys by their code, has Alt with the arrows.
+  const OURS = {'?': 'h', ArrowUp: 'ArrowUp', ArrowDown: 'ArrowDown', ArrowLeft: 'ArrowLeft', ArrowRight: 'ArrowRight'};
+  const busy = (target) => target.closest?.('input, textarea, select, [contenteditable], [role=tablist], [role=dialog],'
+    + ' [role=combobox], [role=listbox], [role=slider], [role=menu]');
+  document.addEventListener('keydown', (event) => {
+    const key = OURS[event.key];
+    if (!event.isTrusted || !key || busy(event.target)) return;
+    event.preventDefault();
+    if (event.altKey) return;
+    event.stopImmediatePropagation();
+    const shiftKey = event.shiftKey && event.key !== '?';
+    document.body.dispatchEvent(new KeyboardEvent('keydown',
+      {key, code: '', bubbles: true, shiftKey, ctrlKey: event.ctrlKey, metaKey: event.metaKey, repeat: event.repeat}));
   }, true);
 })();
 """
@@ -56,13 +80,16 @@ def scene_page(client_html: str, title: str, session_url: str, sign_in_url: str)
     """Make the page from viser's client.
 
     ``session_url`` answers 401 once the session is over; then the browser goes to ``sign_in_url``. The injected script
-    also lets viser reconnect while the page is visible without the focus (a wall monitor, a frame in our page).
+    also lets viser reconnect while the page is visible without the focus (a wall monitor, a frame in our page), gives
+    the arrows to the editor, and tells the theme that this browser asks for.
     Raises ValueError where the client no longer has the form that this relies on.
     """
     scripts = inline_scripts(client_html)
     if len(scripts) != 1 or client_html.count("<head>") != 1 or client_html.count("<title>Viser</title>") != 1:
         raise ValueError("viser's client page has another form than in 1.1.1: keep viser==1.1.1.")
-    ours = _WATCH_SCRIPT % {"sign_in": json.dumps(sign_in_url), "session": json.dumps(session_url)}
+    ours = _WATCH_SCRIPT % {
+        "sign_in": json.dumps(sign_in_url), "session": json.dumps(session_url), "theme_cookie": THEME_COOKIE,
+    }  # fmt: skip
     body = client_html.replace("<title>Viser</title>", f"<title>{title}</title>")
     body = body.replace("<head>", f"<head><script>{ours}</script>", 1)
     data = body.encode()

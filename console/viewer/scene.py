@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from functools import partial
 
 import cv2
 import numpy as np
@@ -19,30 +20,41 @@ from numpy.typing import NDArray
 from console.live import LiveDevice
 from console.services import Services
 from console.view_requests import ViewRequest
-from console.viewer import appearance as look
-from console.viewer import meshes
-from console.viewer.cloud import FOV_RAD, FloorBounds, ShownCloud, floor_bounds, overview, shown_cloud
+from console.viewer.appearance import DARK, LIGHT
+from console.viewer.cloud import (
+    FOV_RAD,
+    FloorBounds,
+    ShownCloud,
+    Thin,
+    floor_bounds,
+    overview,
+    random_subset,
+    shown_cloud,
+)
+from console.viewer.cloud_layer import CloudColours, add_points
 from console.viewer.embedded import EmbeddedViser
 from console.viewer.live_view import LiveView, Trail
 from console.viewer.mount import Authenticate, mount
 from console.viewer.session_view import SessionView
+from console.viewer.theming import add_floor, set_theme
 from navcore.wire import DepthImage
 
 _log = logging.getLogger(__name__)
 TICK_S = 0.05
-_ROAD_Z_M = 0.03
 
 
 class Scene:
     """The 3D scene of one site, for any number of windows.
 
-    ``tick_s`` is the time between two looks at model and hub; with None, somebody else calls :meth:`tick`.
+    ``tick_s`` is the time between two looks at model and hub; with None, somebody else calls :meth:`tick`. ``thin``
+    chooses the points that are shown of a large cloud.
     """
 
-    def __init__(self, services: Services, tick_s: float | None = TICK_S) -> None:
+    def __init__(self, services: Services, tick_s: float | None = TICK_S, thin: Thin = random_subset) -> None:
         self._services = services
         site = services.model.site
-        self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb)
+        self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb, thin=thin)
+        self._colours = CloudColours(site, self.cloud)
         self.bounds = floor_bounds(site.cloud_points_m, site.roads_m)
         if self.cloud.shown_count < self.cloud.total_count:
             _log.warning("%s", self.cloud.sentence)
@@ -53,7 +65,7 @@ class Scene:
         self._silhouettes: dict[str, tuple[DepthImage, NDArray[np.uint8] | None]] = {}
         server = self.embedded.server
         _configure(server)
-        draw_map(server, self.cloud, self.bounds, services.model.network.polylines())
+        draw_map(server, self.cloud, self.bounds)
         server.on_client_connect(self._connected)
         server.on_client_disconnect(self._disconnected)
         self._ticking = None
@@ -72,7 +84,9 @@ class Scene:
             person = self.embedded.visitor_of(client)
         except KeyError:
             return
-        view = SessionView(client, person, self._services, self.bounds, self.cloud)
+        theme = LIGHT if self.embedded.prefers_light(client) else DARK
+        is_open = partial(self.embedded.is_open, client)
+        view = SessionView(client, person, self._services, self.bounds, self._colours, theme, is_open)
         loop = self.embedded.loop
 
         def asked(request: ViewRequest) -> None:
@@ -82,7 +96,9 @@ class Scene:
         self._unsubscribe[client.client_id] = self._services.views.subscribe(person.session_id, asked)
 
     async def _disconnected(self, client: viser.ClientHandle) -> None:
-        self.views.pop(client.client_id, None)
+        view = self.views.pop(client.client_id, None)
+        if view is not None:
+            view.leave()
         unsubscribe = self._unsubscribe.pop(client.client_id, None)
         if unsubscribe is not None:
             unsubscribe()
@@ -137,45 +153,23 @@ def decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
     return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 
 
-def draw_map(
-    server: viser.ViserServer, cloud: ShownCloud, bounds: FloorBounds, road_lines_m: tuple[NDArray[np.float64], ...]
-) -> None:
-    """Draw the static map: cloud, ceiling, road and floor, each below a node that a window can hide for itself."""
+def draw_map(server: viser.ViserServer, cloud: ShownCloud, bounds: FloorBounds) -> None:
+    """Draw what never changes: floor, cloud and ceiling, below nodes that a window can hide for itself."""
     scene = server.scene
-    for name, points, colours in (
-        ("/map/cloud", cloud.points_m, cloud.colours_rgb),
-        ("/map/ceiling", cloud.ceiling_points_m, cloud.ceiling_colours_rgb),
-    ):
+    add_floor(scene, bounds, DARK)
+    for name in ("/map/cloud", "/map/ceiling"):
         scene.add_frame(name, show_axes=False)
-        if len(points):
-            scene.add_point_cloud(
-                f"{name}/points", points, colours, point_size=cloud.point_size_m, precision="float32",
-                point_shape="circle", point_shading="flat",
-            )  # fmt: skip
-    scene.add_frame("/map/road", show_axes=False)
-    pieces = [meshes.line_segments(meshes.simplified(line[:, :2], 0.02), _ROAD_Z_M) for line in road_lines_m]
-    segments = np.concatenate(pieces) if pieces else np.zeros((0, 2, 3))
-    if len(segments):
-        scene.add_line_segments(
-            "/map/road/line", segments, look.ROAD, thickness=2.5, thickness_units="screen"
-        )  # fmt: skip
-    x_m, y_m = bounds.centre_m
-    scene.add_grid(
-        "/map/floor", width=bounds.width_m + 2.0, height=bounds.depth_m + 2.0, position=(x_m, y_m, -0.02),
-        cell_size=1.0, section_size=5.0, cell_color=look.GRID, section_color=look.GRID_SECTION, plane_color=look.FLOOR,
-        plane_opacity=1.0, shadow_opacity=0.0, fade_distance=400.0,
-    )  # fmt: skip
-    # Nobody has opened a window yet; beside the panel of a usual screen the scene is about this wide.
-    view = overview(bounds, aspect=1.2)
+    for part in (*cloud.parts, *cloud.ceiling_parts):
+        add_points(scene, part.name, part.points_m, part.colours_rgb, cloud.point_size_m)
+    # Nobody has opened a window yet; each fits it to its own size.
+    view = overview(bounds)
     server.initial_camera.position = view.position_m
     server.initial_camera.fov = FOV_RAD
     server.initial_camera.look_at = view.look_at_m
 
 
 def _configure(server: viser.ViserServer) -> None:
-    server.gui.configure_theme(
-        dark_mode=True, show_logo=False, show_share_button=False, control_width="small", brand_color=look.BRAND
-    )
+    set_theme(server.gui, DARK)
     server.gui.set_panel_label("Virtual blind road")
 
 

@@ -8,59 +8,93 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import viser
+from viser._gui_handles import GuiModalHandle
 
+from console.edits import Thing, ThingKind
 from console.errors import ConsoleError
+from console.presence import Doing
 from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
-from console.view_requests import FlyToPoi, FollowDevice, ViewRequest
-from console.viewer.appearance import PREVIEW
-from console.viewer.cloud import FloorBounds, ShownCloud
-from console.viewer.editor import Editor, Mode
+from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
+from console.viewer.appearance import LIGHT, THEMES, Theme
+from console.viewer.begun import Drawing, FloorPoint, Mode
+from console.viewer.cloud import FloorBounds
+from console.viewer.cloud_layer import CloudColours, CloudLayer
+from console.viewer.editor import Editor
 from console.viewer.graph_layer import GraphHandlers, GraphLayer, Highlight
-from console.viewer.labels import LabelSpot, Lens, readable
+from console.viewer.keyboard import Keyboard
+from console.viewer.label_layer import LabelLayer
 from console.viewer.live_layer import LiveLayer
 from console.viewer.live_view import LiveView
 from console.viewer.map_panel import MapPanel
-from console.viewer.meshes import floor_point, ring
-from console.viewer.tag import HEAD_Z_M, NAME_SCALE
+from console.viewer.meshes import floor_point
+from console.viewer.people_layer import PeopleLayer, words_of
+from console.viewer.preview_layer import PreviewLayer
+from console.viewer.road_layer import RoadLayer
+from console.viewer.shortcuts import ARROWS, SHORTCUTS, Shortcut, help_groups
+from console.viewer.tag import HEAD_Z_M
+from console.viewer.theming import add_floor, set_theme
 from console.viewer.tuning_panel import TuningPanel
 from console.viewer.view_panel import ViewPanel
 from console.viewer.walker_panel import WalkerPanel
+from console.viewer.widgets import on_press
+from console.viewer.wording import keys_table
 
 _log = logging.getLogger(__name__)
 _NOTICE_S = 6.0
+_PRESENCE_S = 4.0
+"""A window says this often that it is still there (:mod:`console.presence` forgets the silent)."""
 
 
 class SessionView:
     """The scene of one signed-in person in one window."""
 
     def __init__(
-        self, client: viser.ClientHandle, person: SignedIn, services: Services, bounds: FloorBounds, cloud: ShownCloud
+        self,
+        client: viser.ClientHandle,
+        person: SignedIn,
+        services: Services,
+        bounds: FloorBounds,
+        colours: CloudColours,
+        theme: Theme,
+        is_open: Callable[[], bool],
     ) -> None:
         self.client = client
         self.person = person
         self._services = services
-        self._last_pick_px: tuple[float, float] | None = None
+        self._bounds = bounds
+        self._is_open = is_open
+        self._last_pick_px: FloorPoint | None = None
         self._drawn: tuple[object, ...] = ()
-        self._labels_for: tuple[object, ...] = ()
+        self._said: tuple[object, ...] = ()
+        self._said_at_s = -np.inf
+        self._others: tuple[object, ...] = ()
+        self._help: GuiModalHandle | None = None
         self.editor = Editor(services.model, person, self.tell)
-        self.graph = GraphLayer(
-            client,
-            GraphHandlers(self._pick_poi, self._pick_edge, self._drag_poi if self.editor.may_edit else None),
-        )
+        self.keyboard = Keyboard(self.editor, self._camera_floor, services.hub.now_s)
+        may_edit = self.editor.may_edit
+        kinds: tuple[ThingKind, ...] = ("poi", "edge", "road")
+        pick_poi, pick_edge, pick_road = (partial(self._pick, kind) for kind in kinds)
+        self.roads = RoadLayer(client, pick_road)
+        self.graph = GraphLayer(client, GraphHandlers(pick_poi, pick_edge, self._drag_poi if may_edit else None))
+        self.preview = PreviewLayer(client)
+        self.people = PeopleLayer(client)
+        self.labels = LabelLayer(client, self.graph)
         self.live = LiveLayer(client)
-        self._pending = _pending_marker(client)
-        self._build_panel(bounds, cloud)
+        self._build_panel(CloudLayer(client, colours), colours.cloud.sentence)
         client.scene.on_click()(self._click_floor)  # type: ignore[arg-type]
+        client.scene.on_click(modifier="shift")(self._click_floor)  # type: ignore[arg-type]
         self._add_shortcuts()
-        self.view_panel.fit_first_view()
+        if theme is LIGHT:
+            self.set_theme(theme)
         self.refresh()
 
     # ------------------------------------------------------------------------------------------------- panel
-    def _build_panel(self, bounds: FloorBounds, cloud: ShownCloud) -> None:
+    def _build_panel(self, cloud: CloudLayer, sentence: str) -> None:
         gui, hub = self.client.gui, self._services.hub
         tabs = gui.add_tab_group()
         with tabs.add_tab("Map"):
@@ -69,7 +103,9 @@ class SessionView:
         with tabs.add_tab("Walker"):
             self.walker_panel = WalkerPanel(self.client, hub, self.person, self.tell)
         with tabs.add_tab("View"):
-            self.view_panel = ViewPanel(self.client, bounds, cloud)
+            self.view_panel = ViewPanel(
+                self.client, self._bounds, cloud, self.roads.root, sentence, lambda name: self.set_theme(THEMES[name])
+            )
         self.tuning_panel: TuningPanel | None = None
         if self.person.role in TUNING:
             with tabs.add_tab("Tuning"):
@@ -78,33 +114,62 @@ class SessionView:
         if followed is not None:
             self.walker_panel.device_id = followed
 
-    def _add_shortcuts(self) -> None:
-        editor = self.editor
-        self._shortcut("Overview", self.view_panel.overview, "O")
-        self._shortcut("Follow the walker", self.view_panel.follow, "F")
-        self._shortcut("Let go of what was begun", editor.escape, "escape")
-        if not editor.may_edit:
-            return
-        self._shortcut("Select and move", lambda: editor.set_mode(Mode.SELECT), "1")
-        self._shortcut("Tag a place", lambda: editor.set_mode(Mode.TAG), "2")
-        self._shortcut("Connect two places", lambda: editor.set_mode(Mode.CONNECT), "3")
-        self._shortcut("Accept", self.map_panel.accept, "enter")
-        self._shortcut("Delete what is selected", editor.delete_selected, "delete")
-        self._shortcut("Undo", editor.undo, "Z", "cmd/ctrl")
-        self._shortcut("Redo", editor.redo, "Z", "cmd/ctrl+shift")
-        self._shortcut("Join all neighbours along the road", editor.propose_edges, None)
-        self._shortcut("Publish the map", self.publish, None)
+    def set_theme(self, theme: Theme) -> None:
+        """Draw this window dark or light."""
+        set_theme(self.client.gui, theme)
+        add_floor(self.client.scene, self._bounds, theme)
+        for layer in (self.roads, self.graph, self.preview):
+            layer.set_theme(theme)
+        self.refresh()
 
-    def _shortcut(
-        self, label: str, action: Callable[[], object], hotkey: str | None, modifier: str | None = None
-    ) -> None:
-        command = self.client.gui.add_command(label, hotkey=hotkey, modifier=modifier)  # type: ignore[arg-type]
+    def _add_shortcuts(self) -> None:
+        editor, keyboard = self.editor, self.keyboard
+        actions: dict[str, Callable[[], object]] = {
+            "select": partial(editor.set_mode, Mode.SELECT), "tag": partial(editor.set_mode, Mode.TAG),
+            "connect": partial(editor.set_mode, Mode.CONNECT), "draw": partial(editor.set_mode, Mode.DRAW),
+            "propose": editor.propose, "publish": self.publish, "accept": self.map_panel.accept,
+            "escape": self._escape, "take_back": editor.take_back, "delete": editor.delete_selected,
+            "undo": editor.undo, "redo": editor.redo, "pick": keyboard.click,
+            "next_place": partial(keyboard.cycle, "poi", 1), "previous_place": partial(keyboard.cycle, "poi", -1),
+            "next_connection": partial(keyboard.cycle, "edge", 1),
+            "previous_connection": partial(keyboard.cycle, "edge", -1),
+            "next_road": partial(keyboard.cycle, "road", 1), "previous_road": partial(keyboard.cycle, "road", -1),
+            "overview": self.view_panel.overview, "above": self.view_panel.from_above,
+            "follow": self.view_panel.follow, "help": self.show_help,
+            **{name: partial(keyboard.arrow, *step) for name, step in ARROWS.items()},
+        }  # fmt: skip
+        for shortcut in SHORTCUTS:
+            if editor.may_edit or not shortcut.is_editing:
+                self._add_shortcut(shortcut, actions[shortcut.action])
+
+    def _add_shortcut(self, shortcut: Shortcut, action: Callable[[], object]) -> None:
+        command = self.client.gui.add_command(shortcut.words, hotkey=shortcut.key, modifier=shortcut.modifier)
 
         async def triggered(_: object) -> None:
             action()
             self.refresh()
 
         command.on_trigger(triggered)
+
+    def show_help(self) -> None:
+        """Show the keys; once more closes them."""
+        if self._help is not None:
+            self._close_help()
+            return
+        self._help = self.client.gui.add_modal("Keys and mouse")
+        with self._help:
+            self.client.gui.add_html(keys_table(help_groups(self.editor.may_edit)))
+            on_press(self.client.gui.add_button("Close (H)"), self._close_help, self.refresh)
+
+    def _close_help(self) -> None:
+        if self._help is not None:
+            self._help.close()
+            self._help = None
+
+    def _escape(self) -> None:
+        self._close_help()
+        self.keyboard.forget()
+        self.editor.escape()
 
     # ----------------------------------------------------------------------------------------------- actions
     def tell(self, title: str, sentence: str) -> None:
@@ -116,6 +181,7 @@ class SessionView:
         if not self.editor.may_edit:
             self.tell("Not published", "Your role may look at the map, and not publish it: ask an editor.")
             return
+        self.editor.put_down()
         try:
             version = self._services.model.publish(self.person.user_name).version
         except ConsoleError as error:
@@ -128,16 +194,13 @@ class SessionView:
     def _guide_to(self, poi_id: str) -> None:
         self.walker_panel.guide_to(poi_id)
 
-    async def _pick_poi(self, poi_id: str, screen_pos: tuple[float, float]) -> None:
-        self._last_pick_px = screen_pos
-        self.editor.pick_poi(poi_id)
-        self.refresh()
-
-    async def _pick_edge(self, edge_id: str, screen_pos: tuple[float, float]) -> None:
-        if self.editor.mode is not Mode.SELECT:
+    async def _pick(self, kind: ThingKind, key: str, screen_pos: tuple[float, float]) -> None:
+        if kind != "poi" and self.editor.wants_floor:
+            # The click on the floor behind it, which comes next, is the one that is meant.
             return
         self._last_pick_px = screen_pos
-        self.editor.pick_edge(edge_id)
+        self.keyboard.forget()
+        self.editor.pick((kind, key))
         self.refresh()
 
     async def _click_floor(self, event: viser.SceneClickEvent) -> None:
@@ -146,13 +209,18 @@ class SessionView:
             self._last_pick_px = None
             return
         self._last_pick_px = None
-        self.editor.pick_floor(floor_point(event.ray_origin, event.ray_direction))
+        self.keyboard.forget()
+        self.editor.pick_floor(floor_point(event.ray_origin, event.ray_direction), is_free=event.modifier == "shift")
         self.refresh()
 
     async def _drag_poi(self, poi_id: str, event: viser.SceneNodeDragEvent) -> None:  # type: ignore[type-arg]
         eye_m = self.client.camera.position
         ray = np.asarray(event.end_position) - eye_m
         point_m = floor_point(tuple(eye_m), tuple(ray), HEAD_Z_M)
+        if not self._is_open():
+            # Reloaded, or the connection is lost: nobody has let go of the place there.
+            self.editor.escape_move()
+            return
         if event.phase == "end":
             self.editor.drop(poi_id, point_m)
         else:
@@ -161,76 +229,96 @@ class SessionView:
 
     def take(self, request: ViewRequest) -> None:
         """Do what the page around asks for. Called in the scene's loop."""
-        if isinstance(request, FollowDevice):
-            if request.device_id is not None:
-                self.walker_panel.choose(request.device_id)
-        elif isinstance(request, FlyToPoi):
-            poi = self.editor.graph.pois.get(request.poi_id)
-            if poi is not None:
-                self.editor.select(poi_id=poi.id)
-                self.view_panel.fly_to(poi.x_m, poi.y_m)
+        match request:
+            case FollowDevice(device_id):
+                if device_id is not None:
+                    self.walker_panel.choose(device_id)
+            case FlyToPoi(poi_id):
+                poi = self.editor.graph.pois.get(poi_id)
+                if poi is not None:
+                    self._fly_to(poi.x_m, poi.y_m, ("poi", poi.id))
+            case FlyToPoint(x_m, y_m, thing):
+                self._fly_to(x_m, y_m, thing)
         self.refresh()
+
+    def _fly_to(self, x_m: float, y_m: float, thing: Thing | None) -> None:
+        self.editor.select(thing)
+        self.view_panel.fly_to(x_m, y_m)
+
+    def leave(self) -> None:
+        """The window is closed: what was begun is dropped, and others no longer see this person here."""
+        self._services.presence.leave(self.person, self._window_id)
+
+    def _camera_floor(self) -> tuple[FloorPoint, FloorPoint]:
+        camera = self.client.camera
+        ahead = np.asarray(camera.look_at - camera.position)[:2]
+        length = float(np.linalg.norm(ahead))
+        towards = (float(ahead[0] / length), float(ahead[1] / length)) if length > 1e-9 else (0.0, 1.0)
+        return (float(camera.look_at[0]), float(camera.look_at[1])), towards
 
     # ----------------------------------------------------------------------------------------------- drawing
     def refresh(self) -> None:
         """Draw the graph and the editor's panel as they are now."""
         editor, model = self.editor, self._services.model
-        if editor.poi is None and editor.edge is None:
-            editor.select()
-        highlight = Highlight(editor.poi_id, editor.edge_id, editor.moving_id)
-        self.graph.show(editor.graph, highlight)
-        if editor.moving_id is None:
-            self.graph.show_preview(editor.pending_edge.path_m if editor.pending_edge is not None else None)
-        self._pending.visible = editor.pending_tag is not None
-        if editor.pending_tag is not None:
-            self._pending.position = (*editor.pending_tag, 0.06)
+        editor.keep_up()
+        selected = dict([editor.selected]) if editor.selected is not None else {}
+        self.graph.show(editor.graph, Highlight(selected.get("poi"), selected.get("edge"), editor.moving_id))
+        self.roads.show(model.graph.roads, model.network, selected.get("road"))
+        snapped = editor.snapped_m if isinstance(editor.begun, Drawing) else ()
+        self.preview.show(editor.begun, snapped, self.keyboard.cursor_m)
         self.map_panel.show(unpublished=model.graph.version != model.published.version)
         self._drawn = (model.graph.version, model.published.version)
-        self._labels_for = ()
+        self.labels.forget()
+        self._say_presence()
 
     def tick(self, view: LiveView) -> None:
         """Bring the picture in line with what is known now."""
         model, hub = self._services.model, self._services.hub
-        if self._drawn != (model.graph.version, model.published.version):
+        was_moving = self.editor.moving
+        self.editor.rest(hub.now_s())
+        is_current = self._drawn == (model.graph.version, model.published.version) and self.graph.is_complete
+        if not is_current or was_moving is not self.editor.moving:
             self.refresh()
+        self._say_presence()
+        self._show_people()
         self.live.hide_details(not self.view_panel.details.value)
         self.live.show(view)
         self.walker_panel.show(view, hub.devices(), model.published)
         if self.tuning_panel is not None:
             self.tuning_panel.tick(view.device)
         self.view_panel.tick(view)
-        self._arrange_labels()
-
-    def _arrange_labels(self) -> None:
-        camera = self.client.camera
-        lengths = self.view_panel.lengths.value
-        seen = (camera.update_timestamp, lengths, self.live.cue_spot)
-        if seen == self._labels_for:
-            return
-        self._labels_for = seen
-        height_px = max(camera.image_height, 1)
-        lens = Lens(camera.position, camera.wxyz, camera.fov, max(camera.image_width, 1), height_px)
-        selected = self.editor.poi_id
-        spots = [
-            LabelSpot(f"poi {key}", tag.label.text, (tag.poi.x_m, tag.poi.y_m, HEAD_Z_M + 0.3),
-                      3 if key == selected else 1 if tag.poi.kind == "junction" else 2, NAME_SCALE, raised=True)
-            for key, tag in self.graph.tags.items()
-        ]  # fmt: skip
-        for key, label in self.graph.length_labels.items():
-            x_m, y_m, z_m = (float(part) for part in label.position)
-            spots.append(LabelSpot(f"edge {key}", label.text, (x_m, y_m, z_m), 0, 0.75))
         cue = self.live.cue_spot
-        shown = readable([*spots, cue] if cue is not None else spots, lens)
-        with self.client.atomic():
-            for key, tag in self.graph.tags.items():
-                tag.label.visible = f"poi {key}" in shown
-            for key, label in self.graph.length_labels.items():
-                label.visible = lengths and f"edge {key}" in shown
+        kept_clear = (*self.people.spots, cue) if cue is not None else self.people.spots
+        self.labels.arrange(self.editor.poi.id if self.editor.poi else None, self.view_panel.lengths.value, kept_clear)
 
+    # ---------------------------------------------------------------------------------------------- presence
+    @property
+    def _window_id(self) -> str:
+        return f"scene-{self.client.client_id}"
 
-def _pending_marker(client: viser.ClientHandle) -> viser.MeshHandle:
-    mesh = ring(0.3, 0.12)
-    return client.scene.add_mesh_simple(
-        "/graph/pending", mesh.vertices_m, mesh.faces, color=PREVIEW, side="double", visible=False, cast_shadow=False,
-        receive_shadow=False,
-    )  # fmt: skip
+    def _say_presence(self) -> None:
+        now_s = self._services.hub.now_s()
+        said = (self._doing, self.editor.selected)
+        if said == self._said and now_s - self._said_at_s < _PRESENCE_S:
+            return
+        self._said, self._said_at_s = said, now_s
+        self._services.presence.say(self.person, self._window_id, "scene", *said)
+
+    @property
+    def _doing(self) -> Doing:
+        editor = self.editor
+        if editor.moving is not None:
+            return "dragging"
+        if isinstance(editor.begun, Drawing):
+            return "drawing"
+        return "editing" if editor.may_edit and (editor.begun or editor.selected) else "looking"
+
+    def _show_people(self) -> None:
+        others = self._services.presence.others(self.person.user_name)
+        shown = (others, self._services.model.graph.version)
+        if shown == self._others:
+            return
+        self._others = shown
+        graph = self._services.model.graph
+        self.people.show(others, graph)
+        self.map_panel.show_people([words_of(present, graph) for present in others])

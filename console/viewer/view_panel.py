@@ -4,20 +4,26 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 
 import numpy as np
 import viser
 
-from console.viewer.cloud import CameraView, FloorBounds, ShownCloud, overview, plan_view
+from console.viewer.cloud import CameraView, FloorBounds, overview, plan_view
+from console.viewer.cloud_colours import Colouring, legend
+from console.viewer.cloud_layer import CloudLayer
 from console.viewer.live_view import LiveView
 from console.viewer.widgets import nothing, on_change, on_choice
-from console.viewer.wording import card
+from console.viewer.wording import card, legend_card
 
 _FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
 _PANEL_PX = 272.0
 _MOST_COVERED_SHARE = 0.3
 _NARROW_ASPECT = 1.05
 """A narrower window than this (a phone) has its panel below."""
+_BEFORE_FIRST_M = (3.0, 3.0, 3.0)
+"""Where viser's client says that it is before it has been told where to be."""
+_COLOURINGS = {each.value for each in Colouring}
 
 
 class CameraMode(enum.Enum):
@@ -30,30 +36,40 @@ class CameraMode(enum.Enum):
 class ViewPanel:
     """Layers and camera of one client."""
 
-    def __init__(self, client: viser.ClientHandle, bounds: FloorBounds, cloud: ShownCloud) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        bounds: FloorBounds,
+        cloud: CloudLayer,
+        road: viser.FrameHandle,
+        sentence: str,
+        set_theme: Callable[[str], None],
+    ) -> None:
         self._client = client
         self._bounds = bounds
+        self._cloud = cloud
         self.mode = CameraMode.FREE
+        self._is_first = True
         self._last_target_m: tuple[float, float] | None = None
         gui = client.gui
-        self._camera = gui.add_button_group(
-            "Camera", ("Overview", "From above", "Follow"), hint="O: overview, F: follow the walker"
+        camera = gui.add_button_group(
+            "Camera", ("Overview", "From above", "Follow"), hint="O: overview, P: from above, F: follow the walker"
         )
-        on_choice(
-            self._camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing
-        )
-        self._layers = {
-            name: client.scene.add_frame(name, show_axes=False, visible=shown)
-            for name, shown in (("/map/cloud", True), ("/map/ceiling", False), ("/map/road", True))
-        }
-        for name, word in (("/map/cloud", "Point cloud"), ("/map/ceiling", "Ceiling"), ("/map/road", "Road")):
-            self._add_layer(gui, self._layers[name], word)
+        on_choice(camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing)
+        ceiling = client.scene.add_frame("/map/ceiling", show_axes=False, visible=False)
+        for layer, word in ((cloud, "Point cloud"), (ceiling, "Ceiling"), (road, "Road")):
+            self._add_layer(gui, layer, word)
+        self._colouring = gui.add_dropdown("Colour", tuple(each.value for each in Colouring))
+        on_change(self._colouring, self._colour, nothing)
+        self._legend = gui.add_html("", visible=False)
         self.lengths = gui.add_checkbox("Lengths", True)
         self.details = gui.add_checkbox("What the walker's device sees", True)
-        gui.add_html(card(cloud.sentence))
+        theme = gui.add_button_group("Theme", ("Dark", "Light"))
+        on_choice(theme, {"Dark": lambda: set_theme("dark"), "Light": lambda: set_theme("light")}, nothing)
+        gui.add_html(card(sentence))
 
     @staticmethod
-    def _add_layer(gui: viser.GuiApi, layer: viser.FrameHandle, word: str) -> None:
+    def _add_layer(gui: viser.GuiApi, layer: CloudLayer | viser.FrameHandle, word: str) -> None:
         box = gui.add_checkbox(word, layer.visible)
 
         def toggle() -> None:
@@ -61,10 +77,20 @@ class ViewPanel:
 
         on_change(box, toggle, nothing)
 
-    def fit_first_view(self) -> None:
+    def _colour(self) -> None:
+        colouring = Colouring(self._colouring.value) if self._colouring.value in _COLOURINGS else Colouring.SEEN
+        self._cloud.colour(colouring)
+        rows = legend(colouring)
+        self._legend.visible = bool(rows)
+        self._legend.content = legend_card(f"Colour: {colouring.value.lower()}", rows)
+
+    def _fit_first_view(self) -> None:
         """Show the whole floor in this very window, unless its camera has been moved already (after a reconnect)."""
-        first = overview(self._bounds)
-        if np.allclose(self._client.camera.position, first.position_m, atol=0.05):
+        position_m = self._client.camera.position
+        if np.allclose(position_m, _BEFORE_FIRST_M, atol=0.05):
+            return
+        self._is_first = False
+        if np.allclose(position_m, overview(self._bounds).position_m, atol=0.05):
             self.overview()
 
     def overview(self) -> None:
@@ -89,6 +115,8 @@ class ViewPanel:
 
     def tick(self, view: LiveView) -> None:
         """Move the camera with the walker, where it follows."""
+        if self._is_first:
+            self._fit_first_view()
         state = view.state
         if self.mode is not CameraMode.FOLLOW or state is None or state.pose is None:
             return

@@ -28,3 +28,41 @@ def status_card(badge: str, heading: str, rows: Sequence[tuple[str, str]]) -> st
         f'<div style="{_CARD}"><div style="margin-bottom:0.3em"><span style="{_BADGE.format(colour)}">'
         f"{html.escape(badge.upper())}</span> <b>{html.escape(heading)}</b></div>{lines}</div>"
     )
+
+
+def conflict_card(sentence: str, by: str, rows: Sequence[tuple[str, str, str]]) -> str:
+    """A sentence, and of each field the version of somebody else and one's own, as HTML."""
+    head = "".join(f'<th style="text-align:left">{html.escape(word)}</th>' for word in ("", by, "You"))
+    body = "".join("<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return (
+        f'<div style="{_CARD}"><div role="alert">{html.escape(sentence)}</div>'
+        f'<table style="width:100%;margin-top:0.3em"><tr>{head}</tr>{body}</table></div>'
+    )
+
+
+def people_card(lines: Sequence[str]) -> str:
+    """Who else is here, as HTML."""
+    return f'<div style="{_CARD}">' + "".join(f"<div>● {html.escape(line)}</div>" for line in lines) + "</div>"
+
+
+def keys_table(groups: Sequence[tuple[str, Sequence[tuple[str, str]]]]) -> str:
+    """Shortcuts by group, each as keys and what they do, as HTML."""
+    parts = []
+    for heading, rows in groups:
+        lines = "".join(
+            f'<tr><td style="white-space:nowrap;padding-right:1.2em"><kbd>{html.escape(keys)}</kbd></td>'
+            f"<td>{html.escape(words)}</td></tr>"
+            for keys, words in rows
+        )
+        parts.append(f'<h4 style="margin:0.7em 0 0.2em">{html.escape(heading)}</h4><table>{lines}</table>')
+    return f'<div style="padding:0 0.75em 0.5em;font-size:0.9em;line-height:1.5">{"".join(parts)}</div>'
+
+
+def legend_card(heading: str, rows: Sequence[tuple[tuple[int, int, int], str]]) -> str:
+    """Colours and what they mean, as HTML."""
+    lines = "".join(
+        f'<div><span style="display:inline-block;width:0.9em;height:0.9em;margin-right:0.5em;border-radius:0.2em;'
+        f'background:rgb({red},{green},{blue})"></span>{html.escape(words)}</div>'
+        for (red, green, blue), words in rows
+    )
+    return f'<div style="{_CARD}"><b>{html.escape(heading)}</b>{lines}</div>'

@@ -10,7 +10,7 @@ import pytest
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
-from console.edits import DeletePoi, MovePoi, UpdatePoi
+from console.edits import DeleteEdge, DeletePoi, MovePoi, ProposeEdges, UpdatePoi
 from console.services import Services
 from console.viewer.begun import Mode, NewEdges
 from console.viewer.scene import Scene
@@ -204,9 +204,19 @@ def test_an_edit_elsewhere_is_drawn_at_the_next_tick(browser: FakeBrowser, scene
 
 
 def test_publishing_gives_the_draft_to_the_devices(browser: FakeBrowser, services: Services) -> None:
-    services.model.apply(MovePoi("bar", 18.0, 0.0), browser.person.user_name)
+    services.model.apply(ProposeEdges(), browser.person.user_name)
     browser.press("Publish the map")
+    browser.run(browser.view.published())
     assert services.model.published.version == services.model.graph.version
+    assert any("given version" in notice for notice in browser.notices)
+
+
+def test_a_draft_with_errors_is_not_published_from_the_scene(browser: FakeBrowser, services: Services) -> None:
+    services.model.apply(DeleteEdge("e1"), browser.person.user_name)
+    browser.press("Publish the map")
+    browser.run(browser.view.published())
+    assert services.model.published.version != services.model.graph.version
+    assert any("See the page Checks" in notice for notice in browser.notices)
 
 
 def test_a_viewer_has_no_editor_and_can_change_nothing(scene: Scene, services: Services) -> None:

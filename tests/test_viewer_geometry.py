@@ -42,8 +42,8 @@ def lens_of(view: CameraView, aspect: float, height_px: float = 800.0) -> Lens:
 def test_a_large_cloud_is_thinned_and_says_so() -> None:
     site = crossing_corridors(5000)
     cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb, max_count=1000)
-    assert (cloud.shown_count, cloud.total_count) == (1000, 5000)
-    assert "1,000 of 5,000" in cloud.sentence
+    assert 700 < cloud.shown_count <= 1000, "cleaned as well"
+    assert f"{cloud.shown_count:,} of 5,000" in cloud.sentence
     whole = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb)
     assert whole.sentence == "5,000 points"
 
@@ -68,16 +68,6 @@ def test_a_cloud_comes_coarse_first_and_every_part_is_spread_over_all_of_it() ->
         assert counts.min() > 0.8 * len(part.points_m) / 10
     together = np.vstack([part.points_m for part in cloud.parts])
     assert np.array_equal(np.sort(together, axis=0), np.sort(points, axis=0)), "nothing is lost or shown twice"
-
-
-def test_who_owns_the_scene_chooses_how_a_large_cloud_is_thinned() -> None:
-    points = np.random.default_rng(0).uniform(0.0, 2.0, (1000, 3)).astype(np.float32)
-    cloud = shown_cloud(
-        points, np.zeros((1000, 3), np.uint8), max_count=100, thin=lambda cloud_m, count: np.arange(count)
-    )
-    together = np.vstack([part.points_m for part in cloud.parts])
-    assert np.array_equal(np.sort(together, axis=0), np.sort(points[:100], axis=0))
-    assert "100 of 1,000" in cloud.sentence
 
 
 # ------------------------------------------------------------------------------------------------- the cloud's colours

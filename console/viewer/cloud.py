@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from console.map_geometry.cloud_cleaning import shown_points
 from navcore.geometry import FloatArray
 
 MAX_POINTS_COUNT = 1_000_000
@@ -23,15 +24,10 @@ FIRST_ASPECT = 1.2
 """Width to height of a window that is not known yet: beside the panel of a usual screen the scene is about so wide."""
 _OBLIQUE_RAD = math.radians(60.0)
 _FILLED_SHARE = 0.96
-
-
 COARSE_COUNT = 80_000
 """Points of the first part of a cloud: something is seen while the others are on their way."""
 PART_COUNT = 150_000
 """Points of each further part."""
-
-Thin = Callable[[NDArray[np.float32], int], NDArray[np.int64]]
-"""Returns which points of a cloud (n, 3) are kept, at most so many."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,23 +98,16 @@ class CameraView:
     look_at_m: tuple[float, float, float]
 
 
-def random_subset(points_m: NDArray[np.float32], max_count: int) -> NDArray[np.int64]:
-    """Keep points at random, the same ones each time."""
-    if len(points_m) <= max_count:
-        return np.arange(len(points_m))
-    return np.random.default_rng(0).choice(len(points_m), max_count, replace=False)
-
-
 def shown_cloud(
     points_m: NDArray[np.float32],
     colours_rgb: NDArray[np.uint8],
     max_count: int = MAX_POINTS_COUNT,
     ceiling_m: float = CEILING_M,
-    thin: Thin = random_subset,
 ) -> ShownCloud:
     """Thin a cloud (n, 3) to ``max_count`` points, cut it at the ceiling, and in parts; non-finite points go."""
     finite = np.flatnonzero(np.isfinite(points_m).all(axis=1))
-    kept = finite[thin(points_m[finite], max_count)]
+    # A cloud that can be shown as it is is: only what is thinned out is cleaned as well.
+    kept = finite if len(finite) <= max_count else finite[shown_points(points_m[finite], max_count)]
     # In any order but the map's: each part is a thinner picture of the whole.
     kept = np.random.default_rng(1).permutation(kept)
     points, colours = points_m[kept], colours_rgb[kept]

@@ -25,10 +25,8 @@ from console.viewer.cloud import (
     FOV_RAD,
     FloorBounds,
     ShownCloud,
-    Thin,
     floor_bounds,
     overview,
-    random_subset,
     shown_cloud,
 )
 from console.viewer.cloud_layer import CloudColours, add_points
@@ -50,10 +48,10 @@ class Scene:
     chooses the points that are shown of a large cloud.
     """
 
-    def __init__(self, services: Services, tick_s: float | None = TICK_S, thin: Thin = random_subset) -> None:
+    def __init__(self, services: Services, tick_s: float | None = TICK_S) -> None:
         self._services = services
         site = services.model.site
-        self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb, thin=thin)
+        self.cloud = shown_cloud(site.cloud_points_m, site.cloud_colours_rgb)
         self._colours = CloudColours(site, self.cloud)
         self.bounds = floor_bounds(site.cloud_points_m, site.roads_m)
         if self.cloud.shown_count < self.cloud.total_count:

@@ -6,6 +6,7 @@ Made when a client connects, dropped when it goes. All of it runs in the scene's
 
 from __future__ import annotations
 
+import asyncio
 import logging
 from collections.abc import Callable
 from functools import partial
@@ -17,6 +18,7 @@ from viser._gui_handles import GuiModalHandle
 from console.edits import Thing, ThingKind
 from console.errors import ConsoleError
 from console.presence import Doing
+from console.publishing import UnconfirmedError, publish
 from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
 from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
@@ -182,14 +184,26 @@ class SessionView:
             self.tell("Not published", "Your role may look at the map, and not publish it: ask an editor.")
             return
         self.editor.put_down()
+        # The draft is checked first, which may take seconds: not in the loop that moves everybody's picture.
+        self._publishing = asyncio.get_running_loop().create_task(self._publish())
+
+    async def published(self) -> None:
+        """Wait until what was asked to be published last is published, or refused."""
+        if self._publishing is not None:
+            await self._publishing
+
+    async def _publish(self) -> None:
+        services, who = self._services, self.person.user_name
         try:
-            version = self._services.model.publish(self.person.user_name).version
+            published = await asyncio.to_thread(publish, services.model, services.checks, who)
+        except UnconfirmedError as error:
+            self.tell("Not published", f"{error} See the page Checks; Versions publishes all the same.")
         except ConsoleError as error:
             self.tell("Not published", str(error))
         else:
-            self.client.add_notification(
-                "Published", f"The devices are given version {version}.", auto_close_seconds=_NOTICE_S, color="green"
-            )
+            sentence = f"The devices are given version {published.version}."
+            self.client.add_notification("Published", sentence, auto_close_seconds=_NOTICE_S, color="green")
+            self.refresh()
 
     def _guide_to(self, poi_id: str) -> None:
         self.walker_panel.guide_to(poi_id)

@@ -10,7 +10,7 @@ import pytest
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
-from console.edits import DeleteEdge, DeletePoi, MovePoi, ProposeEdges, UpdatePoi
+from console.edits import DeleteEdge, DeletePoi, ProposeEdges, UpdatePoi
 from console.services import Services
 from console.viewer.begun import Mode, NewEdges
 from console.viewer.scene import Scene

@@ -20,6 +20,9 @@ def crossing_corridors(points_count: int = 12_000, seed: int = 0, poi_graph: Poi
     along_y = _corridor_points(rng, points_count - points_count // 2, 16.0)
     along_y = np.column_stack([10.0 + along_y[:, 1], along_y[:, 0] - 8.0, along_y[:, 2]])
     points = np.vstack([along_x, along_y])
+    # Where they cross neither has walls.
+    crossing = (np.abs(points[:, 0] - 10.0) <= WIDTH_M / 2) & (np.abs(points[:, 1]) <= WIDTH_M / 2)
+    points[crossing & (points[:, 2] < HEIGHT_M), 2] = 0.0
     return Site(
         "crossing", "Two corridors", SMALL_CAMERA, {}, crossing_roads(), points.astype(np.float32),
         _colours(points, rng), poi_graph or PoiGraph(),

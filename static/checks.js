@@ -13,7 +13,7 @@ const checker = new Checker(showAll);
 $("progress").append(bar.node);
 
 const { graph, begin } = await editorPage({ show: () => { showAll(); plan.fetch(); } });
-const plan = new Plan($("plan"), graph, (count) => `Floor plan with ${count === 1 ? "one mark" : `${count} marks`}: the numbers are those of the list, which says the same in words.`);
+const plan = new Plan($("plan"), graph, (count) => (count ? `Floor plan with ${count === 1 ? "one mark" : `${count} marks`}: the numbers are those of the list, which says the same in words.` : "Floor plan; nothing is marked on it."));
 
 $("run").addEventListener("click", () => attempt(() => checker.begin(), "Beginning the check…"));
 for (const id of ["filter-text", "filter-severity"]) $(id).addEventListener("input", showAll);

@@ -19,14 +19,14 @@ export function connectionsTable(graph, me, whoIsAt) {
     { key: "to", title: "To", text: ({ b }) => graph.nameOf(b) },
     { key: "length", title: "Length", class: "number", text: ({ length_m }) => metres(length_m) },
     { key: "direction", title: "Direction", class: "wide", text: ({ one_way }) => (one_way ? "→ one way" : "↔ both ways") },
-    { key: "cost", title: "Cost", class: "number wide", text: ({ cost_multiplier }) => `× ${cost_multiplier}` },
-    { key: "width", title: "Width", class: "number wide", text: ({ width_m }) => (width_m === null ? "–" : metres(width_m)) },
-    { key: "caution", title: "Caution", class: "wide", text: ({ caution_side }) => (caution_side === "none" ? "–" : valueWords("caution_side", caution_side)) },
+    { key: "cost", title: "Cost", class: "number wide wider", text: ({ cost_multiplier }) => `× ${cost_multiplier}` },
+    { key: "width", title: "Width", class: "number wide wider", text: ({ width_m }) => (width_m === null ? "–" : metres(width_m)) },
+    { key: "caution", title: "Caution", class: "wide wider", text: ({ caution_side }) => (caution_side === "none" ? "–" : valueWords("caution_side", caution_side)) },
     { key: "closed", title: "Closed", text: ({ closed }) => (closed ? "closed" : "open"), cell: (edge) => closedBox(graph, me, edge) },
     { key: "actions", title: "Actions", class: "actions", plain: true, cell: (edge) => (me.mayEdit ? actions(graph, edge) : "") },
   ];
   const table = new Table({
-    place: $("panel-connections"), name: "edges", columns, key: ({ id }) => id, searchHint: "Place, closed, one way…",
+    place: $("panel-connections"), name: "edges", label: "Connections", columns, key: ({ id }) => id, searchHint: "Place, closed, one way…",
     mark: (edge) => [graph.nameOf(edge.a), graph.nameOf(edge.b), whoIsAt("edge", edge.id)],
     empty: [el("p", {}, el("b", {}, "No two places are connected yet, so nobody can be guided anywhere.")), el("p", {}, me.mayEdit ? "“Propose connections” makes the whole graph at once, from the order of the places along the road." : "An editor connects them.")],
   });

@@ -7,8 +7,8 @@ let count = 0;
 
 /**
  * Open a form; resolves with whether it was sent. `fields` is a list of
- * {name, label, type: text|number|select|check|textarea|choice, value, options: [[value, text]], hint, required, min, max, maxlength, step,
- * shown: (values) => bool}. `submit(values)` throws a sentence to keep the form open, with all that was typed.
+ * {name, label, type: text|number|select|check|textarea, value, options: [[value, text]], hint, placeholder, required, min, max,
+ * maxlength, span: columns of six in a wide form, shown: (values) => bool}. `submit(values)` throws a sentence to keep the form open, with all that was typed.
  * `extra` is a node under the fields; `onInput(values)` hears each change.
  */
 export function openForm({ title, lead, fields, submitText = "Save", submit, extra, onInput, wide = false }) {
@@ -83,8 +83,9 @@ function makeField(spec, id) {
   const hint = spec.hint ? el("p", { class: "hint", id: `${id}-hint` }, spec.hint) : null;
   const described = [spec.hint && `${id}-hint`, `${id}-problem`].filter(Boolean).join(" ");
   const input = makeInput(spec, id, described);
-  const node = spec.type === "check" ? el("div", { class: "field" }, el("label", { class: "check" }, input, spec.label), hint, error)
-    : el("div", { class: "field" }, el("label", { for: id }, spec.label), input, hint, error);
+  const kind = spec.span ? `field span-${spec.span}` : "field";
+  const node = spec.type === "check" ? el("div", { class: kind }, el("label", { class: "check" }, input, spec.label), hint, error)
+    : el("div", { class: kind }, el("label", { for: id }, spec.label), input, hint, error);
   const say = (sentence) => {
     setText(error, sentence);
     if (sentence) input.setAttribute("aria-invalid", "true");

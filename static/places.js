@@ -17,13 +17,13 @@ export function placesTable(graph, me, whoIsAt) {
     { key: "name", title: "Name", head: true, text: ({ name }) => name, cell: (poi) => [poi.name, whoIsAt("poi", poi.id) && badge("info", "✎", whoIsAt("poi", poi.id))].filter(Boolean) },
     { key: "kind", title: "Kind", text: ({ kind }) => KIND_NAMES[kind] },
     { key: "spoken", title: "Spoken as", class: "wide", text: spoken, cell: (poi) => (poi.spoken_name ? poi.spoken_name : el("span", { class: "quiet" }, spoken(poi))) },
-    { key: "x", title: "x", class: "number wide", text: ({ x_m }) => x_m.toFixed(2) },
-    { key: "y", title: "y", class: "number wide", text: ({ y_m }) => y_m.toFixed(2) },
+    { key: "x", title: "x", class: "number wide wider", text: ({ x_m }) => x_m.toFixed(2) },
+    { key: "y", title: "y", class: "number wide wider", text: ({ y_m }) => y_m.toFixed(2) },
     { key: "ways", title: "Connections", class: "wide", text: (poi) => (poi.on_road ? ways(degree.get(poi.id) ?? 0) : "free-standing") },
     { key: "actions", title: "Actions", class: "actions", plain: true, cell: (poi) => (me.mayEdit ? actions(graph, poi) : "") },
   ];
   const table = new Table({
-    place: $("panel-places"), name: "places", columns, key: ({ id }) => id, mark: ({ id }) => [whoIsAt("poi", id), degree.get(id)],
+    place: $("panel-places"), name: "places", label: "Places", columns, key: ({ id }) => id, mark: ({ id }) => [whoIsAt("poi", id), degree.get(id)],
     searchHint: "Name, kind…",
     empty: [el("p", {}, el("b", {}, "No place is tagged yet.")), el("p", {}, me.mayEdit ? "“Add a place” asks for its name, kind and position; or click on the road in the scene." : "An editor tags them.")],
   });
@@ -49,8 +49,8 @@ function actions(graph, poi) {
 
 function nameFields(poi) {
   return [
-    { name: "name", label: "Name", required: true, maxlength: 80, value: poi?.name },
-    { name: "kind", label: "Kind", type: "select", options: KINDS, value: poi?.kind ?? "room" },
+    { name: "name", label: "Name", required: true, maxlength: 80, value: poi?.name, span: 3 },
+    { name: "kind", label: "Kind", type: "select", options: KINDS, value: poi?.kind ?? "room", span: 3 },
     { name: "spoken_name", label: "Spoken as", maxlength: 80, value: poi?.spoken_name, placeholder: "like the name", hint: "How the walker hears it, where that differs: “Room thirty-three” for “R 33”." },
     { name: "notes", label: "Notes", type: "textarea", maxlength: 2000, value: poi?.notes },
   ];
@@ -68,7 +68,7 @@ function addPlace(graph) {
 function editPlace(graph, poi) {
   const base = graph.data.version;
   return whileEditing("poi", poi.id, () => openForm({
-    title: `Edit ${poi.name}`, fields: nameFields(poi),
+    title: `Edit ${poi.name}`, wide: true, fields: nameFields(poi),
     submit: (values) => graph.edit({ edit: "update_poi", poi_id: poi.id, ...changed(namesOf(values), poi) }, base),
   }));
 }

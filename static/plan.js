@@ -83,7 +83,7 @@ export class Plan {
     }));
     const dots = this.graph.data.pois.map(({ x_m, y_m }) => svg("circle", { cx: x_m, cy: -y_m, r: unit * 0.8 }));
     const few = this.graph.data.pois.length <= 40 ? this.graph.data.pois : [];
-    const names = few.map(({ name, x_m, y_m }, index) => svg("text", { x: x_m, y: -y_m + unit * (index % 2 ? 4 : -1.8), "font-size": unit * 2.2, "text-anchor": "middle" }, name));
+    const names = few.map(({ name, x_m, y_m }, index) => svg("text", { x: x_m, y: -y_m + unit * (index % 2 ? 3 : -1.6), "font-size": unit * 1.6, "text-anchor": "middle" }, name));
     return [svg("g", { class: "sketch" }, ...lines, ...dots, ...names)];
   }
 

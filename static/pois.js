@@ -14,7 +14,9 @@ let at = new Map(); // who else is at which thing
 const { me, graph, begin } = await editorPage({ show: (data) => { showVersion(data); showTables(); }, heard });
 const tables = [placesTable, connectionsTable, roadsTable].map((make) => make(graph, me, (kind, id) => at.get(`${kind}/${id}`) ?? ""));
 const chooseTab = tabs(document.querySelector("[role=tablist]"));
-chooseTab(`tab-${location.hash.slice(1)}`);
+const chooseByAddress = () => chooseTab(`tab-${location.hash.slice(1)}`);
+addEventListener("hashchange", chooseByAddress);
+chooseByAddress();
 
 function showTables() {
   for (const { show } of tables) show(graph.data);

@@ -16,12 +16,12 @@ export function positionFields(graph, way, poi) {
   const roads = graph.data.roads.map((road) => [road.id, `${roadName(road.id)}, ${road.length_m.toFixed(1)} m`]);
   return [
     { name: "way", label: "Position", type: "select", options: ways, value: ways.some(([key]) => key === way) ? way : ways[0][0] },
-    { name: "distance_m", label: "Metres", type: "number", required: true, min: 0, value: 0, shown: when("between", "road") },
-    { name: "from_id", label: "From", type: "select", required: true, options: places, shown: when("between") },
-    { name: "towards_id", label: "Towards", type: "select", required: true, options: places, shown: when("between") },
-    { name: "road_id", label: "Road", type: "select", required: true, options: roads, shown: when("road") },
-    { name: "x_m", label: "x (metres)", type: "number", required: true, value: poi?.x_m.toFixed(3), shown: when("xy") },
-    { name: "y_m", label: "y (metres)", type: "number", required: true, value: poi?.y_m.toFixed(3), shown: when("xy") },
+    { name: "distance_m", label: "Metres", type: "number", required: true, min: 0, value: 0, span: 2, shown: when("between", "road") },
+    { name: "from_id", label: "From", type: "select", required: true, span: 2, options: places, shown: when("between") },
+    { name: "towards_id", label: "Towards", type: "select", required: true, span: 2, options: places, shown: when("between") },
+    { name: "road_id", label: "Road", type: "select", required: true, span: 2, options: roads, shown: when("road") },
+    { name: "x_m", label: "x (metres)", type: "number", required: true, value: poi?.x_m.toFixed(3), span: 3, shown: when("xy") },
+    { name: "y_m", label: "y (metres)", type: "number", required: true, value: poi?.y_m.toFixed(3), span: 3, shown: when("xy") },
     { name: "free", label: "Free position, off the road", type: "check", value: poi ? !poi.on_road : false, shown: when("xy"),
       hint: "A free-standing place is shown, but nobody is led to it." },
   ];

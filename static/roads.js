@@ -15,12 +15,12 @@ export function roadsTable(graph, me, whoIsAt) {
     { key: "name", title: "Road", head: true, text: ({ id }) => roadName(id), cell: ({ id }) => [roadName(id), whoIsAt("road", id) && badge("info", "✎", whoIsAt("road", id))].filter(Boolean) },
     { key: "origin", title: "Origin", text: ({ origin }) => ORIGINS[origin] },
     { key: "length", title: "Length", class: "number", text: ({ length_m }) => metres(length_m) },
-    { key: "start", title: "Begins at", class: "number wide", text: ({ start_m }) => point(start_m) },
-    { key: "end", title: "Ends at", class: "number wide", text: ({ end_m }) => point(end_m) },
+    { key: "start", title: "Begins at", class: "number wide wider", text: ({ start_m }) => point(start_m) },
+    { key: "end", title: "Ends at", class: "number wide wider", text: ({ end_m }) => point(end_m) },
     { key: "actions", title: "Actions", class: "actions", plain: true, cell: (road) => (me.mayEdit ? actions(graph, road) : "") },
   ];
   const table = new Table({
-    place: $("panel-roads"), name: "roads", columns, key: ({ id }) => id, mark: ({ id }) => whoIsAt("road", id), searchHint: "Road, drawn…",
+    place: $("panel-roads"), name: "roads", label: "Roads", columns, key: ({ id }) => id, mark: ({ id }) => whoIsAt("road", id), searchHint: "Road, drawn…",
     empty: [el("p", {}, el("b", {}, "There is no road yet.")), el("p", {}, "Record a map walk with the glasses, or draw a road by hand.")],
   });
   $("draw-road").addEventListener("click", () => draw(graph));

@@ -10,7 +10,7 @@ export class Table {
    * `columns`: {key, title, class, text(row): what is searched and sorted by, cell(row): what is drawn (the text where absent),
    * head: the row's header, plain: neither sorted nor searched}. `key(row)` identifies a row, `mark(row)` is all else that it shows.
    */
-  constructor({ place, name, columns, key, mark = () => "", empty, searchHint }) {
+  constructor({ place, name, label, columns, key, mark = () => "", empty, searchHint }) {
     Object.assign(this, { columns, key, mark });
     this.rows = [];
     this.drawn = new Map();
@@ -18,13 +18,16 @@ export class Table {
     this.sorted = { key: columns[0].key, down: false };
     this.search = el("input", { type: "search", id: `search-${name}`, autocomplete: "off", placeholder: searchHint });
     this.count = el("p", { class: "small quiet number", role: "status" });
-    this.head = el("tr", {}, ...columns.map((column) => this.headCell(column)));
-    this.body = el("tbody", { id: name });
+    // The roles stand here for a phone, where the rows are drawn as cards and would be a table no more.
+    this.head = el("tr", { role: "row" }, ...columns.map((column) => this.headCell(column)));
+    this.body = el("tbody", { id: name, role: "rowgroup" });
     this.more = el("button", { type: "button", hidden: true });
-    this.bar = el("div", { class: "search-bar" }, el("label", { for: `search-${name}` }, "Search"), this.search, this.count);
-    this.wrap = el("div", { class: "table-wrap" }, el("table", { class: `keyed table-${name}`, "aria-label": name }, el("thead", {}, this.head), this.body));
+    this.find = [el("label", { for: `search-${name}` }, "Search"), this.search, this.count];
+    this.bar = el("div", { class: "search-bar" }, ...this.find, place.querySelector(".tools"));
+    this.wrap = el("div", { class: "table-wrap" }, el("table", { class: `keyed table-${name}`, role: "table", "aria-label": label }, el("thead", { role: "rowgroup" }, this.head), this.body));
     this.empty = el("div", { class: "empty", hidden: true }, ...empty);
-    place.append(this.empty, this.bar, this.wrap, el("div", { class: "row more" }, this.more));
+    place.prepend(this.bar);
+    place.append(this.empty, this.wrap, el("div", { class: "row more" }, this.more));
     this.search.addEventListener("input", () => { this.limit = ROWS_AT_ONCE; this.draw(); });
     this.more.addEventListener("click", () => {
       const next = this.body.children.length;
@@ -35,9 +38,9 @@ export class Table {
   }
 
   headCell({ key, title, class: kind, plain }) {
-    if (plain) return el("th", { scope: "col", class: kind }, el("span", { class: "visually-hidden" }, title));
+    if (plain) return el("th", { scope: "col", role: "columnheader", class: kind }, el("span", { class: "visually-hidden" }, title));
     const button = el("button", { type: "button", class: "sort", onclick: () => this.sortBy(key) }, title, el("span", { class: "arrow", "aria-hidden": "true" }));
-    return el("th", { scope: "col", class: kind, "data-column": key, "aria-sort": key === this.sorted.key ? "ascending" : "none" }, button);
+    return el("th", { scope: "col", role: "columnheader", class: kind, "data-column": key, "aria-sort": key === this.sorted.key ? "ascending" : "none" }, button);
   }
 
   sortBy(key) {
@@ -58,7 +61,7 @@ export class Table {
     const chosen = this.chosen();
     const seen = chosen.slice(0, this.limit);
     this.empty.hidden = this.rows.length > 0;
-    this.bar.hidden = this.wrap.hidden = this.rows.length === 0;
+    for (const node of [...this.find, this.wrap]) node.hidden = this.rows.length === 0;
     setText(this.count, chosen.length === this.rows.length ? `${this.rows.length} in all` : `${chosen.length} of ${this.rows.length}`);
     const rest = chosen.length - seen.length;
     this.more.hidden = rest === 0;
@@ -102,7 +105,7 @@ export class Table {
     const signature = JSON.stringify([row, this.mark(row)]);
     const known = this.drawn.get(key);
     if (known?.signature === signature) return known.node;
-    const node = known?.node ?? el("tr");
+    const node = known?.node ?? el("tr", { role: "row" });
     node.replaceChildren(...this.columns.map((column) => cellOf(column, row)));
     this.drawn.set(key, { node, signature });
     return node;
@@ -118,6 +121,6 @@ const ORDER = new Intl.Collator(undefined, { numeric: true });
 
 function cellOf(column, row) {
   const content = column.cell ? column.cell(row) : String(column.text(row));
-  const properties = { class: column.class, ...(column.head ? { scope: "row" } : {}) };
+  const properties = { class: column.class, role: column.head ? "rowheader" : "cell", scope: column.head && "row" };
   return el(column.head ? "th" : "td", properties, ...(Array.isArray(content) ? content : [content]));
 }

@@ -1,5 +1,6 @@
 /* Two people at the same thing: both versions side by side, and a choice. Nothing that somebody typed is lost by it. */
 
+import { showDialog } from "./dialog.js";
 import { ago, el } from "./dom.js";
 import { fieldName, valueWords } from "./words.js";
 
@@ -13,7 +14,7 @@ export function settle(sentence, conflict, edit, graph) {
   const nameOf = (id) => graph.nameOf(id);
   const fields = [...new Set([...Object.keys(mine), ...Object.keys(theirs ?? {})])].filter((field) => !HIDDEN.includes(field));
   const dialog = el("dialog", { class: "wide-dialog", "aria-labelledby": "conflict-title", "aria-describedby": "conflict-text" });
-  const choose = (choice) => { dialog.returnValue = choice; dialog.close(choice); };
+  const choose = (choice) => dialog.close(choice);
   const rows = fields.map((field) => row(field, mine[field], theirs ? theirs[field] : undefined, nameOf));
   dialog.append(el("div", { class: "stack" },
     el("h2", { id: "conflict-title" }, "Two versions"),
@@ -26,11 +27,7 @@ export function settle(sentence, conflict, edit, graph) {
       el("button", { type: "button", class: "plain", onclick: () => choose("") }, "Go back, decide later"),
       el("button", { type: "button", onclick: () => choose("theirs") }, "Keep theirs"),
       el("button", { type: "button", class: "primary", disabled: !conflict.yours, onclick: () => choose("mine") }, "Use mine"))));
-  return new Promise((resolve) => {
-    dialog.addEventListener("close", () => { dialog.remove(); resolve(dialog.returnValue); });
-    document.body.append(dialog);
-    dialog.showModal();
-  });
+  return showDialog(dialog);
 }
 
 function row(field, mine, theirs, nameOf) {

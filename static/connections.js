@@ -124,17 +124,18 @@ async function previewOf(graph, edit) {
   }
 }
 
-function propose(graph) {
-  return attempt(async () => {
-    const base = graph.data.version;
-    const { changes, lengths_m } = await post("/api/preview", { edit: "propose_edges" });
-    const rows = changes.map(({ id, name }) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, metres(lengths_m[id]))));
-    const list = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Connections that are proposed" },
-      el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Connection"), el("th", { scope: "col", class: "number" }, "Length"))), el("tbody", {}, ...rows)));
-    const many = changes.length === 1 ? "One connection" : `${changes.length} connections`;
-    await openForm({
-      title: `${many} proposed`, lead: "Neighbours along the road that are not connected yet. Nothing is changed before you accept; one undo takes all of them back.",
-      fields: [], extra: list, submitText: "Accept all", submit: () => graph.edit({ edit: "propose_edges" }, base),
-    });
-  }, "Looking for neighbours…");
+async function propose(graph) {
+  const base = graph.data.version;
+  let proposed = null;
+  await attempt(async () => { proposed = await post("/api/preview", { edit: "propose_edges" }); }, "Looking for neighbours…");
+  if (proposed === null) return;
+  const { changes, lengths_m } = proposed;
+  const rows = changes.map(({ id, name }) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, metres(lengths_m[id]))));
+  const list = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Connections that are proposed" },
+    el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Connection"), el("th", { scope: "col", class: "number" }, "Length"))), el("tbody", {}, ...rows)));
+  const many = changes.length === 1 ? "One connection" : `${changes.length} connections`;
+  await openForm({
+    title: `${many} proposed`, lead: "Neighbours along the road that are not connected yet. Nothing is changed before you accept; one undo takes all of them back.",
+    fields: [], extra: list, submitText: "Accept all", submit: () => graph.edit({ edit: "propose_edges" }, base),
+  });
 }

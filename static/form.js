@@ -1,5 +1,6 @@
 /* Dialogs with a form: labels, errors beside their fields and in a live region, the focus kept and given back. */
 
+import { showDialog } from "./dialog.js";
 import { el, setText } from "./dom.js";
 import { during } from "./progress.js";
 
@@ -43,7 +44,8 @@ export function openForm({ title, lead, fields, submitText = "Save", submit, ext
       send.disabled = false;
     }
   });
-  return shown(dialog, () => (made[0] ?? send).focus(), arrange).then((answer) => answer === "sent");
+  arrange();
+  return showDialog(dialog, () => (made[0] ?? send).focus()).then((answer) => answer === "sent");
 }
 
 /** Ask before something is lost; resolves with whether it is wanted. */
@@ -53,29 +55,7 @@ export function sure({ title, text, yes, no = "Leave it as it is" }) {
   const leave = el("button", { type: "button", onclick: () => dialog.close() }, no);
   dialog.append(el("div", { class: "stack" }, el("h2", { id: `${id}-title` }, title), el("p", { id: `${id}-text` }, text),
     el("div", { class: "row end" }, leave, el("button", { type: "button", class: "primary", onclick: () => dialog.close("yes") }, yes))));
-  return shown(dialog, () => leave.focus()).then((answer) => answer === "yes");
-}
-
-function shown(dialog, focus, arrange) {
-  const opener = document.activeElement;
-  return new Promise((resolve) => {
-    dialog.addEventListener("close", () => {
-      dialog.remove();
-      giveBack(opener);
-      resolve(dialog.returnValue);
-    });
-    document.body.append(dialog);
-    arrange?.();
-    dialog.showModal();
-    focus();
-  });
-}
-
-/** Where the button that opened a dialog was drawn anew, or is gone, the keyboard does not lose its place. */
-function giveBack(opener) {
-  const key = opener?.dataset?.key;
-  const target = opener?.isConnected ? opener : key && document.querySelector(`[data-key="${CSS.escape(key)}"]`);
-  (target || document.getElementById("main"))?.focus();
+  return showDialog(dialog, () => leave.focus()).then((answer) => answer === "yes");
 }
 
 function makeField(spec, id) {

@@ -1,5 +1,6 @@
 /* Help: the keys, and the tour. The same keys work in the scene and in the tables. */
 
+import { showDialog } from "./dialog.js";
 import { el } from "./dom.js";
 import { isTyping } from "./keys.js";
 import { openTour } from "./tour.js";
@@ -30,9 +31,7 @@ export function openHelp() {
       el("thead", {}, el("tr", {}, ...["Where", "Key", "What it does"].map((title) => el("th", { scope: "col" }, title)))),
       el("tbody", {}, ...SHORTCUTS.map(({ where, keys, does }) => el("tr", {}, el("td", {}, where), el("th", { scope: "row" }, el("kbd", {}, keys)), el("td", {}, does)))))),
     el("div", { class: "row end" }, tour, el("button", { type: "button", class: "primary", onclick: () => dialog.close() }, "Close"))));
-  dialog.addEventListener("close", () => dialog.remove());
-  document.body.append(dialog);
-  dialog.showModal();
+  showDialog(dialog);
 }
 
 document.addEventListener("keydown", (event) => {

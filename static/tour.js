@@ -1,5 +1,6 @@
 /* The tour of a first visit: five steps, once per person and browser; Help shows it again. */
 
+import { showDialog } from "./dialog.js";
 import { el, setText } from "./dom.js";
 
 const STEPS = [
@@ -41,12 +42,9 @@ export function openTour() {
     for (const [index, dot] of [...dots.children].entries()) dot.classList.toggle("here", index === step);
     title.focus();
   };
-  dialog.addEventListener("close", () => dialog.remove());
   dialog.addEventListener("keydown", (event) => {
     const move = { ArrowRight: 1, ArrowLeft: -1 }[event.key];
     if (move && STEPS[step + move]) go(step + move);
   });
-  document.body.append(dialog);
-  dialog.showModal();
-  go(0);
+  showDialog(dialog, () => go(0));
 }

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from browser import become_admin, chromium, until
+from browser import become_admin, chromium, until, without_tour
 from console_room import serving
 from playwright.sync_api import Browser, Page, expect
 
@@ -61,10 +61,6 @@ def in_both_themes(page: Page, what: str) -> list[str]:
     return found
 
 
-def without_tour(page: Page) -> None:
-    page.evaluate("localStorage.setItem('tour-seen-Ada', '1')")
-
-
 @pytest.mark.slow
 def test_no_page_has_a_fault_with_data_or_empty(browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site) -> None:
     empty = replace(small_site, poi_graph=PoiGraph(version=1))
@@ -73,7 +69,7 @@ def test_no_page_has_a_fault_with_data_or_empty(browser: Browser, server: Consol
     with serving(tmp_path / "empty", tmp_path / "empty-data") as bare:
         for name, one in (("with data", server), ("empty", bare)):
             page = signed_in(browser, one)
-            without_tour(page)
+            without_tour(page.context, "Ada")
             for path in PAGES:
                 opened(page, path)
                 found += in_both_themes(page, f"{path} {name}")

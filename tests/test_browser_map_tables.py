@@ -91,10 +91,25 @@ def test_places_are_added_renamed_moved_merged_and_taken_back_by_keys_alone(page
     model = server.services.model
     open_page(page, "/pois")
     page.keyboard.press("Alt+n")
-    send(page, Name="Lift 1", Kind="Lift", Metres="2", From="Hall", Towards="Bar", Spoken_as="the lift", Notes="Two doors.")
+    send(
+        page,
+        Name="Lift 1",
+        Kind="Lift",
+        Metres="2",
+        From="Hall",
+        Towards="Bar",
+        Spoken_as="the lift",
+        Notes="Two doors.",
+    )
     expect(page.get_by_role("row", name=re.compile("Lift 1"))).to_be_visible()
     lift = model.graph.pois["lift-1"]
-    assert (lift.x_m, lift.y_m, lift.kind, lift.spoken_name, lift.notes) == (pytest.approx(2.0), pytest.approx(0.0), "lift", "the lift", "Two doors.")
+    assert (lift.x_m, lift.y_m, lift.kind, lift.spoken_name, lift.notes) == (
+        pytest.approx(2.0),
+        pytest.approx(0.0),
+        "lift",
+        "the lift",
+        "Two doors.",
+    )
 
     press(page, "Edit Lift 1")
     send(page, Name="Lift A")
@@ -167,7 +182,9 @@ def test_connections_are_proposed_split_changed_and_deleted_by_keys_alone(page: 
     expect(page.locator("#edges tr")).to_have_count(3)
 
 
-def test_roads_are_drawn_trimmed_smoothed_split_joined_and_deleted_by_keys_alone(page: Page, server: ConsoleServer) -> None:
+def test_roads_are_drawn_trimmed_smoothed_split_joined_and_deleted_by_keys_alone(
+    page: Page, server: ConsoleServer
+) -> None:
     model = server.services.model
     open_page(page, "/pois#roads")
     press(page, "Draw a road…")
@@ -334,4 +351,3 @@ def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(
     expect(page.locator("#places")).to_contain_text("Tea bar")
     expect(page.locator("#places")).to_contain_text("Great hall")
     context.close()
-

@@ -19,6 +19,9 @@ from navcore.site import Site, save_site
 
 pytestmark = pytest.mark.browser
 TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
+FOCUS_IS_IN_TOUR = """
+() => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
+"""
 PAGES = (
     "/", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks",
     "/settings", "/admin",
@@ -50,7 +53,9 @@ def faults(page: Page) -> list[str]:
     # What lies in the frame is viser's own page.
     options = {"runOnly": {"type": "tag", "values": TAGS}, "resultTypes": ["violations"], "iframes": False}
     found = Axe().run(page, context={"exclude": [["iframe"]]}, options=options).response["violations"]
-    return [f"{fault['id']}: {node['html'][:160]} {node['failureSummary']}" for fault in found for node in fault["nodes"]]
+    return [
+        f"{fault['id']}: {node['html'][:160]} {node['failureSummary']}" for fault in found for node in fault["nodes"]
+    ]
 
 
 def in_both_themes(page: Page, what: str) -> list[str]:
@@ -62,7 +67,9 @@ def in_both_themes(page: Page, what: str) -> list[str]:
 
 
 @pytest.mark.slow
-def test_no_page_has_a_fault_with_data_or_empty(browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site) -> None:
+def test_no_page_has_a_fault_with_data_or_empty(
+    browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site
+) -> None:
     empty = replace(small_site, poi_graph=PoiGraph(version=1))
     save_site(empty, tmp_path / "empty")
     found = []
@@ -141,7 +148,7 @@ def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, 
         expect(tour.get_by_role("heading", name=title)).to_be_focused()
         for _ in range(6):
             page.keyboard.press("Tab")
-            assert page.evaluate("document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)")
+            assert page.evaluate(FOCUS_IS_IN_TOUR)
         tour.get_by_role("button", name="Next").or_(tour.get_by_role("button", name="Done")).press("Enter")
     expect(tour).to_have_count(0)
     opened(page, "/pois")

@@ -274,7 +274,7 @@ def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None
         page.goto(path)
         expect(page.locator("#user-name")).to_have_text("Ada")
         expect(page.locator("body:not([inert])")).to_be_attached()
-            assert page.evaluate(NAMELESS) == [], path
+        assert page.evaluate(NAMELESS) == [], path
         assert page.locator("h1").count() == 1
         assert page.locator("main").count() == 1
         overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")

@@ -1,4 +1,4 @@
-"""The API that lets forms do what dragging does: places named by distances along the road, and edits seen beforehand."""
+"""What lets forms do what dragging does: places named by distances along the road, and edits seen beforehand."""
 
 from __future__ import annotations
 

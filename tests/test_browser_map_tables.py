@@ -1,4 +1,4 @@
-"""The pages of the map editor in a real Chromium: each verb by keyboard, two people at once, a console that is killed."""
+"""The pages of the map editor in a real Chromium: each verb by keyboard, two people at once, a killed console."""
 
 from __future__ import annotations
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -16,7 +17,7 @@ from navcore.planning.road_walk import place_along, place_towards
 
 def line(*corners: tuple[float, float]) -> np.ndarray:
     """Points every 0.1 m from corner to corner."""
-    parts = [np.linspace(a, b, round(math.dist(a, b) / 0.1) + 1) for a, b in zip(corners, corners[1:], strict=False)]
+    parts = [np.linspace(a, b, round(math.dist(a, b) / 0.1) + 1) for a, b in itertools.pairwise(corners)]
     return np.vstack(parts)
 
 

@@ -89,8 +89,8 @@ export class Plan {
 
   mark({ number, x_m, y_m, label, kind = "" }, unit) {
     return svg("g", { class: `plan-mark ${kind}`, "data-mark": number }, svg("title", {}, label),
-      svg("circle", { cx: x_m, cy: -y_m, r: unit * 1.6, "stroke-width": unit * 0.35 }),
-      svg("text", { x: x_m, y: -y_m + unit * 0.7, "font-size": unit * 1.9, "text-anchor": "middle" }, String(number)));
+      svg("circle", { cx: x_m, cy: -y_m, r: unit * 1.1, "stroke-width": unit * 0.3 }),
+      svg("text", { x: x_m, y: -y_m + unit * 0.45, "font-size": unit * 1.25, "text-anchor": "middle" }, String(number)));
   }
 }
 
@@ -110,7 +110,7 @@ export function whereWords(graph, x_m, y_m) {
     const away_m = Math.hypot(poi.x_m - x_m, poi.y_m - y_m);
     if (nearest === null || away_m < nearest.away_m) nearest = { away_m, name: poi.name };
   }
-  const at = `${x_m.toFixed(1)}, ${y_m.toFixed(1)}`;
+  const at = [x_m, y_m].map((value) => (Math.abs(value) < 0.05 ? 0 : value).toFixed(1)).join(", ");
   if (nearest === null) return at;
   return nearest.away_m < 0.5 ? `at ${nearest.name} (${at})` : `${nearest.away_m.toFixed(1)} m from ${nearest.name} (${at})`;
 }

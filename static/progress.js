@@ -5,11 +5,13 @@ import { el, setText } from "./dom.js";
 const SHOWN_AFTER_MS = 500;
 const running = new Map();
 let node = null;
+let questions = 0;
 
 /** Run something, and show that it runs where it takes long. Returns what it returns. */
 export async function during(text, work) {
   const key = Symbol(text);
-  const timer = setTimeout(() => { running.set(key, text); draw(); }, SHOWN_AFTER_MS);
+  const before = questions;
+  const timer = setTimeout(() => { running.set(key, { text, before }); draw(); }, SHOWN_AFTER_MS);
   try {
     return await work();
   } finally {
@@ -19,14 +21,22 @@ export async function during(text, work) {
   }
 }
 
+/** Somebody is asked something: what waits for the answer does not look busy. Returns what ends it. */
+export function asked() {
+  questions += 1;
+  draw();
+  return () => { questions -= 1; draw(); };
+}
+
 function draw() {
+  const busy = [...running.values()].filter(({ before }) => before >= questions);
   if (node === null) {
-    if (running.size === 0) return;
+    if (busy.length === 0) return;
     node = el("div", { class: "busy", role: "status" }, el("div", { class: "progress endless" }, el("div")), el("p"));
     document.body.append(node);
   }
-  node.hidden = running.size === 0;
-  if (running.size) setText(node.querySelector("p"), [...running.values()].at(-1));
+  node.hidden = busy.length === 0;
+  if (busy.length) setText(node.querySelector("p"), busy.at(-1).text);
 }
 
 /** A bar from 0 to 1 with a sentence; `bar.show(null)` is a bar that says only that something runs. */

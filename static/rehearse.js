@@ -40,7 +40,7 @@ $("route-form").addEventListener("submit", async (event) => {
   setText($("route-problem"), "");
   const [start, destination] = [$("start").value, $("destination").value];
   const missing = !start ? $("start") : !destination ? $("destination") : null;
-  for (const id of ["start", "destination"]) $(id).toggleAttribute("aria-invalid", missing === $(id));
+  for (const select of [$("start"), $("destination")]) select.setAttribute("aria-invalid", String(select === missing));
   if (missing) {
     setText($("route-problem"), "Choose both places.");
     return missing.focus();

@@ -36,7 +36,7 @@ function showSteps() {
   drawSteps([
     clean ? ["good", "✓", "Draft", `Version ${version} is what is published.`] : ["info", "…", "Draft", `Version ${version}; devices are given version ${published_version}.`],
     checkStep(checker, version),
-    clean ? ["good", "✓", "Publish", `Version ${published_version} is published.`] : ["", "○", "Publish", "Not published yet. One click; it is asked again only where the checker has found errors."],
+    clean ? ["good", "✓", "Publish", `Version ${published_version} is published.`] : ["", "○", "Publish", checker.isThere ? "Not published yet. You are asked again where the draft has not been checked, or has errors." : "Not published yet."],
   ]);
 }
 

@@ -37,7 +37,7 @@ export async function whileEditing(kind, id, work) {
 /** Return who else is at which thing: "poi/hall" → "Bea edits". */
 export function othersAt(people) {
   const at = new Map();
-  for (const { name, doing, thing, you } of people) {
+  for (const { user_name: name, doing, thing, you } of people) {
     if (you || !thing || doing === "looking") continue;
     const key = thing.join("/");
     at.set(key, at.has(key) ? `${at.get(key)}, ${name} ${DOING[doing]}` : `${name} ${DOING[doing]}`);
@@ -50,11 +50,11 @@ export function peopleLine(graph) {
   return onChange((people) => {
     const others = people.filter(({ you }) => !you);
     $("people").hidden = others.length === 0;
-    $("people").replaceChildren(...(others.length ? [el("b", {}, "Also here: "), others.map((person) => words(person, graph)).join("; ")] : []));
+    $("people").replaceChildren(...(others.length ? [el("b", {}, "Also here: "), [...new Set(others.map((person) => words(person, graph)))].join("; ")] : []));
   });
 }
 
-function words({ name, where, doing, thing }, graph) {
+function words({ user_name: name, where, doing, thing }, graph) {
   const place = where === "scene" ? "in the scene" : "in the tables";
   if (doing === "looking" || !thing) return `${name}, ${place}`;
   return `${name} ${DOING[doing]} ${graph ? nameOfThing(graph, thing) : "something"}`;

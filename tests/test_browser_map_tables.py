@@ -256,6 +256,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     assert model.graph.pois["b"].name == "Tea bar"
     bea.get_by_role("button", name="Save").press("Enter")
     both.get_by_role("button", name="Use mine").press("Enter")
+    expect(bea.get_by_role("dialog")).to_have_count(0)
     expect(page.locator("#places")).to_contain_text("Coffee bar")
     assert model.graph.pois["b"].name == "Coffee bar"
 
@@ -284,9 +285,12 @@ def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, s
     expect(page.get_by_label("Search").first).to_have_value("bar")
     page.get_by_label("Search").first.fill("")
     page.get_by_role("button", name="Move Hall").focus()
+    page.evaluate("for (const row of document.querySelectorAll('#places tr')) row.cells[0].drawnBefore = true")
     server.services.model.apply(UpdatePoi("a", name="Zoo hall"), "Bea")
     expect(page.locator("#places tr").last).to_contain_text("Zoo hall")
     expect(page.get_by_role("button", name="Move Zoo hall")).to_be_focused()
+    kept = page.evaluate("[...document.querySelectorAll('#places tr')].map((row) => Boolean(row.cells[0].drawnBefore))")
+    assert kept == [True, False], "only the row that differs is drawn anew"
 
 
 def test_versions_are_named_compared_gone_back_to_and_published(page: Page, server: ConsoleServer) -> None:

@@ -252,6 +252,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     expect(both.get_by_role("row", name=re.compile("^Name"))).to_contain_text("Tea bar")
     expect(both).to_contain_text("Theirs: Ada")
     bea.keyboard.press("Escape")
+    expect(bea.get_by_role("dialog").get_by_role("alert")).to_contain_text("Nothing was saved yet")
     expect(bea.get_by_role("dialog").get_by_label("Name")).to_have_value("Coffee bar")
     assert model.graph.pois["b"].name == "Tea bar"
     bea.get_by_role("button", name="Save").press("Enter")

@@ -12,14 +12,19 @@ export const SHORTCUTS = [
   { where: "Everywhere", keys: "Esc", does: "Close a dialog, or drop what was begun; nothing is changed" },
   { where: "Tables", keys: "/", does: "Go to the search field of the table" },
   { where: "Tables", keys: "Alt+N", does: "Add a place" },
+  // As console/viewer/shortcuts.py has them.
   { where: "Scene", keys: "1", does: "Select and move" },
-  { where: "Scene", keys: "2", does: "Add a place: click on the road" },
+  { where: "Scene", keys: "2", does: "Tag a place: click on the road" },
   { where: "Scene", keys: "3", does: "Connect two places" },
-  { where: "Scene", keys: "4", does: "Draw a piece of road" },
+  { where: "Scene", keys: "4", does: "Draw a road" },
+  { where: "Scene", keys: "J", does: "Propose connections between neighbours" },
   { where: "Scene", keys: "Enter", does: "Accept what is shown" },
+  { where: "Scene", keys: "Backspace", does: "Take the last point back" },
   { where: "Scene", keys: "Delete", does: "Delete what is selected" },
-  { where: "Scene", keys: "Arrows", does: "Nudge the selected place by 0.1 m; with Shift by 1 m" },
-  { where: "Scene", keys: "N", does: "Select the next place; with Shift the one before" },
+  { where: "Scene", keys: "Arrows", does: "Move the selected place by 0.1 m; with Shift by 1 m" },
+  { where: "Scene", keys: "N, C, R", does: "Next place, connection or road; with Shift the one before" },
+  { where: "Scene", keys: "Space", does: "Click where the cross is" },
+  { where: "Scene", keys: "O, P, F", does: "Overview, from above, follow the walker" },
 ];
 
 export function openHelp() {

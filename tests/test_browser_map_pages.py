@@ -127,7 +127,7 @@ def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, ser
     heard = {"lasts_s": 1.0, "edge_id": "a-b", "poi_id": None, "sound": None}
     utterances = [
         {"stamp_s": 0.0, "x_m": 0.0, "y_m": 0.0, "along_m": 0.0, "kind": "route", "text": "To Bar.", **heard},
-        {"stamp_s": 65.0, "x_m": 6.0, "y_m": 0.0, "along_m": 6.0, "kind": "arrived", "text": "You have arrived.", **heard},
+        {"stamp_s": 65.0, "x_m": 6.0, "y_m": 0.0, "along_m": 6.0, "kind": "arrived", "text": "You are there.", **heard},
     ]  # fmt: skip
     result = {
         "graph_version": 1, "start": "a", "destination": "b", "language": "en", "voice": "browser", "arrived": True,
@@ -147,7 +147,7 @@ def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, ser
     expect(page.locator("#utterances tr")).to_have_count(2)
     expect(page.locator("#utterances tr").last).to_contain_text("1:05")
     expect(page.locator("#utterances tr").last).to_contain_text("at Bar")
-    page.get_by_role("button", name="Play 2: You have arrived.").press("Enter")
+    page.get_by_role("button", name="Play 2: You are there.").press("Enter")
     until(page, lambda: page.locator(".plan-mark.chosen text").text_content() == "2", "the place on the plan")
     server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
     expect(page.locator("#summary")).to_contain_text("of version 1; the draft is 2")

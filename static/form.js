@@ -49,11 +49,11 @@ export function openForm({ title, lead, fields, submitText = "Save", submit, ext
 }
 
 /** Ask before something is lost; resolves with whether it is wanted. */
-export function sure({ title, text, yes, no = "Leave it as it is" }) {
+export function sure({ title, text, extra, yes, no = "Leave it as it is" }) {
   const id = `sure-${++count}`;
   const dialog = el("dialog", { "aria-labelledby": `${id}-title`, "aria-describedby": `${id}-text` });
   const leave = el("button", { type: "button", onclick: () => dialog.close() }, no);
-  dialog.append(el("div", { class: "stack" }, el("h2", { id: `${id}-title` }, title), el("p", { id: `${id}-text` }, text),
+  dialog.append(el("div", { class: "stack" }, el("h2", { id: `${id}-title` }, title), el("p", { id: `${id}-text` }, text), extra ?? null,
     el("div", { class: "row end" }, leave, el("button", { type: "button", class: "primary", onclick: () => dialog.close("yes") }, yes))));
   return showDialog(dialog, () => leave.focus()).then((answer) => answer === "yes");
 }

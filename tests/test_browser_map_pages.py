@@ -104,7 +104,7 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
 
     def answer(_: str, body: Any) -> Any:
         if body != {"confirmed": True}:
-            return {"status": 409, "json": {"error": "The draft has one error."}}
+            return {"status": 409, "json": {"error": "The draft has one error.", "findings": FINDINGS[:1]}}
         model.publish("Ada")
         return {"json": page.request.get("/api/graph").json()}
 
@@ -114,7 +114,7 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     expect(page.locator("#steps")).to_contain_text("Found: 1 error, 1 warning.")
     page.get_by_role("button", name="Publish").press("Enter")
     asked = page.get_by_role("dialog")
-    expect(asked).to_contain_text("The draft has one error.")
+    expect(asked).to_contain_text("Bar cannot be reached. Connect it.")
     asked.get_by_role("button", name="Not yet").press("Enter")
     assert (sent, model.published) == ([{}], published)
     page.get_by_role("button", name="Publish").press("Enter")

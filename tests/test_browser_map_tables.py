@@ -323,12 +323,25 @@ def test_bad_files_are_refused_beside_the_field_and_change_nothing(page: Page, s
     press(page, "Look at it")
     expect(page.locator("#graph-problem")).to_have_text("Choose a file first.")
     expect(page.get_by_label("File").first).to_be_focused()
-    for content in (b"", b"\x00\xff{", b'{"type": "FeatureCollection", "features": [{"type": 3}]}'):
+    for content in (b"", b"\x00\xff{", b'{"type": "FeatureCollection", "features": 3}'):
         page.get_by_label("File").first.set_input_files({"name": "bad.geojson", "mimeType": "", "buffer": content})
         press(page, "Look at it")
         expect(page.locator("#graph-problem")).not_to_be_empty()
         expect(page.locator("#graph-file")).to_have_attribute("aria-invalid", "true")
     assert server.services.model.graph == before
+
+    # A good one is shown first, made at one stroke, and taken back at one.
+    good = page.request.get("/api/export/graph.geojson").body().replace(b'"Bar"', b'"Tea bar"')
+    page.get_by_label("File").first.set_input_files({"name": "good.geojson", "mimeType": "", "buffer": good})
+    press(page, "Look at it")
+    expect(page.get_by_role("heading", name="What good.geojson would change")).to_be_focused()
+    expect(page.locator("#preview")).to_contain_text("Name: Bar → Tea bar")
+    assert server.services.model.graph == before
+    press(page, "Import it")
+    expect(page.locator("#toasts")).to_contain_text("good.geojson is imported")
+    assert server.services.model.graph.pois["b"].name == "Tea bar"
+    press(page, "Undo")
+    until(page, lambda: server.services.model.graph.pois == before.pois, "the import to be taken back")
 
 
 def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(

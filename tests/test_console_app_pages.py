@@ -155,10 +155,10 @@ def test_places_are_made_joined_and_taken_back_without_any_dragging(page: Page, 
     expect(page.locator("#edges tr")).to_have_count(3)
     page.get_by_role("tab", name="Connections").click()
     page.get_by_label("Closed: Hall to Bar").check()
+    until(page, lambda: server.services.model.graph.edges["a-b"].closed, "the connection to be closed")
     page.goto("/pois#connections")
     page.reload()
     expect(page.get_by_label("Closed: Hall to Bar")).to_be_checked()
-    assert server.services.model.graph.edges["a-b"].closed
     page.get_by_role("button", name="Publish").click()
     expect(page.locator("#version")).to_contain_text("is published")
     assert server.services.model.published == server.services.model.graph

@@ -8,9 +8,9 @@ import { bePresent, peopleLine } from "./presence.js";
 import { ready, start } from "./shell.js";
 import { tourOnFirstVisit } from "./tour.js";
 
-/** Begin a page of the editor. `show(data)` hears each state of the draft, `heard(live)` each message of the live stream. Returns the
- *  graph, not fetched yet, and who is signed in; call `begin()` when the page is whole. */
-export async function editorPage({ show, heard = () => {} }) {
+/** Begin a page of the editor. `show(data)` hears each state of the draft, `heard(live)` each message of the live stream, `asked()` that
+ *  publishing was asked for, which checks the draft. Returns the graph, not fetched yet, and who is signed in; call `begin()` when the page is whole. */
+export async function editorPage({ show, heard = () => {}, asked = () => {} }) {
   const me = await start();
   const graph = new Graph(show);
   for (const node of document.querySelectorAll(".editing, #undo, #redo, #publish")) node.hidden = !me.mayEdit;
@@ -18,7 +18,7 @@ export async function editorPage({ show, heard = () => {} }) {
     $(id)?.prepend(icon(id));
     $(id)?.addEventListener("click", act);
   }
-  $("publish")?.addEventListener("click", () => graph.publish());
+  $("publish")?.addEventListener("click", () => graph.publish().then(asked));
   if (me.mayEdit) undoKeys(graph);
   const showPeople = peopleLine(graph);
   return {

@@ -15,7 +15,7 @@ let versions = { versions: [] };
 let compared = "";
 const checker = new Checker(showSteps);
 
-const { me, graph, begin } = await editorPage({ show: () => refresh().catch((error) => toast(error.message, { kind: "bad" })), heard });
+const { me, graph, begin } = await editorPage({ show: () => refresh().catch((error) => toast(error.message, { kind: "bad" })), heard, asked: () => checker.look() });
 
 const when = (at_s) => new Date(at_s * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 

@@ -45,7 +45,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         request: Request, visitor: Visitor, base_version: Annotated[int | None, Query(ge=0)] = None
     ) -> Response:
         """Make an edit; ``base_version`` is the version that the person saw."""
-        wanted = _decode_edit(await request.body())
+        wanted = decode_edit(await request.body())
         await run_in_threadpool(model.apply, wanted, visitor.user_name, base_version)
         return json_response(graph_view(model, visitor.user_name))
 
@@ -122,7 +122,8 @@ def _entry_view(entry: LogEntry) -> dict[str, Any]:
     }
 
 
-def _decode_edit(body: bytes) -> Edit:
+def decode_edit(body: bytes) -> Edit:
+    """Return the edit that a request holds. Raises BadRequestError."""
     try:
         return _edit_decoder.decode(body)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:

@@ -1,11 +1,15 @@
 /* Asking the console: JSON in and out; what is refused is an Error with the console's own sentence. */
 
 export class Refused extends Error {
-  constructor(sentence, status) {
+  /** `details` is all that the console answered, as both versions of a conflict. */
+  constructor(sentence, status, details = {}) {
     super(sentence);
     this.status = status;
+    this.details = details;
   }
 }
+
+const SILENT = "The console does not answer: see whether it is running. Nothing that you typed here is lost.";
 
 export async function ask(method, path, body) {
   const options = { method, headers: {}, cache: "no-store", credentials: "same-origin" };
@@ -17,17 +21,47 @@ export async function ask(method, path, body) {
   try {
     answer = await fetch(path, options);
   } catch {
-    throw new Refused("The console does not answer: see whether it is running.", 0);
+    throw new Refused(SILENT, 0);
   }
-  const data = await answer.json().catch(() => ({}));
-  if (answer.ok) return data;
-  if (answer.status === 401 && path !== "/api/sign-in") signInAgain();
-  throw new Refused(data.error || `The console answered ${answer.status}.`, answer.status);
+  return taken(path, answer.status, await answer.json().catch(() => ({})));
+}
+
+function taken(path, status, data) {
+  if (status >= 200 && status < 300) return data;
+  if (status === 401 && path !== "/api/sign-in") signInAgain();
+  throw new Refused(data.error || `The console answered ${status}.`, status, data);
+}
+
+/** Send a file, as it is; `tell(share)` hears how much of it has gone, 0–1. */
+export function sendFile(path, file, tell) {
+  return new Promise((resolve, reject) => {
+    const request = new XMLHttpRequest();
+    request.open("POST", path);
+    request.setRequestHeader("Content-Type", "application/octet-stream");
+    request.upload.onprogress = ({ loaded, total }) => tell(total ? loaded / total : null);
+    request.onerror = () => reject(new Refused(SILENT, 0));
+    request.onload = () => {
+      let data = {};
+      try { data = JSON.parse(request.responseText); } catch { /* the status says enough */ }
+      try { resolve(taken(path, request.status, data)); } catch (error) { reject(error); }
+    };
+    request.send(file);
+  });
 }
 
 export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
 export const patch = (path, body) => ask("PATCH", path, body);
+
+/** Get what a part of the console answers that may not be there; null where it is not. */
+export async function getIfThere(path) {
+  try {
+    return await get(path);
+  } catch (error) {
+    if (error.status === 404) return null;
+    throw error;
+  }
+}
 
 let leaving = false;
 

@@ -1,6 +1,7 @@
 import { post } from "./api.js";
 import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
-import { Graph, inListOrder, KIND_NAMES, undoKeys } from "./graph.js";
+import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
+import { undoKeys } from "./keys.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
 import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
@@ -24,8 +25,6 @@ for (const [id, name] of [["undo", "undo"], ["redo", "redo"]]) $(id).prepend(ico
 
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
-  $("link-banner").hidden = linked;
-  if (!linked) setText($("link-banner"), `No connection to the console for ${Math.round(elapsed_s)} s: nothing here is live.`);
   graph.heard(data);
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
   device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;

@@ -1,6 +1,8 @@
 /* The draft of the PoI-graph: fetched when its version changes, edited through the API. */
 
 import { get, post } from "./api.js";
+import { settle } from "./conflict.js";
+import { publish } from "./publish.js";
 import { attempt, toast } from "./toast.js";
 
 export class Graph {
@@ -9,6 +11,7 @@ export class Graph {
     this.show = show;
     this.data = null;
     this.fetching = false;
+    this.pois = new Map();
   }
 
   async fetch() {
@@ -28,63 +31,88 @@ export class Graph {
   take(data) {
     if (this.data && data.version < this.data.version) return;
     this.data = data;
+    this.pois = new Map(data.pois.map((poi) => [poi.id, poi]));
     this.show(data);
   }
 
-  async edit(edit) {
-    this.take(await post("/api/edits", edit));
+  /** Make an edit that was decided on while `base` was the draft. Where somebody else has changed the same thing since,
+   *  both versions are shown. Returns false where theirs was kept; throws a sentence where nothing could be done. */
+  async edit(edit, base = this.data.version) {
+    for (;;) {
+      try {
+        this.take(await post(`/api/edits?base_version=${base}`, edit));
+        return true;
+      } catch (error) {
+        const conflict = error.details?.conflict;
+        if (!conflict) throw error;
+        await this.fetch();
+        const choice = await settle(error.message, conflict, edit, this);
+        if (choice === "theirs") return false;
+        if (choice !== "mine") throw new Error("Nothing was saved yet: both versions are still there.");
+        base = conflict.version;
+      }
+    }
   }
 
   undo() {
-    return attempt(async () => this.take(await post("/api/undo")));
+    return attempt(async () => this.take(await post("/api/undo")), "Taking it back…");
   }
 
   redo() {
-    return attempt(async () => this.take(await post("/api/redo")));
+    return attempt(async () => this.take(await post("/api/redo")), "Making it again…");
   }
 
   publish() {
     return attempt(async () => {
-      this.take(await post("/api/publish"));
-      toast(`Version ${this.data.published_version} is published: devices take it as soon as nobody is being led.`);
-    });
+      const data = await publish();
+      if (!data) return;
+      this.take(data);
+      toast(`Version ${data.published_version} is published: devices take it as soon as nobody is being led.`);
+    }, "Publishing…");
   }
 
   poi(id) {
-    return this.data?.pois.find((poi) => poi.id === id);
+    return this.pois.get(id);
   }
 
-  /** Delete a place at once; a toast takes it back. */
+  /** The name of a place, or its identifier where it is gone. */
+  nameOf(id) {
+    return this.pois.get(id)?.name ?? id;
+  }
+
+  /** "Hall – Bar". */
+  edgeName({ a, b }) {
+    return `${this.nameOf(a)} – ${this.nameOf(b)}`;
+  }
+
+  /** Delete something at once; a toast takes it back. */
+  remove(edit, words) {
+    return attempt(async () => {
+      if (await this.edit(edit)) toast(`${words} deleted.`, { action: "Undo", onAction: () => this.undo() });
+    }, "Deleting…");
+  }
+
   deletePoi(poi) {
     const edges = this.data.edges.filter((edge) => edge.a === poi.id || edge.b === poi.id).length;
-    return attempt(async () => {
-      await this.edit({ edit: "delete_poi", poi_id: poi.id });
-      const ways = edges === 0 ? "" : edges === 1 ? " and one way" : ` and ${edges} ways`;
-      toast(`${poi.name}${ways} deleted.`, { action: "Undo", onAction: () => this.undo() });
-    });
+    const ways = edges === 0 ? "" : edges === 1 ? " and one connection" : ` and ${edges} connections`;
+    return this.remove({ edit: "delete_poi", poi_id: poi.id }, `${poi.name}${ways}`);
   }
 }
+
+const byText = (a, b) => a.localeCompare(b, undefined, { numeric: true });
 
 /** Places in the order of a list: what people walk to first, then the junctions in between; each by name. */
 export function inListOrder(pois) {
   const between = ({ kind }) => Number(kind === "junction");
-  return [...pois].sort((a, b) => between(a) - between(b) || a.name.localeCompare(b.name, undefined, { numeric: true }));
-}
-
-/** Ctrl+Z and Ctrl+Shift+Z (or Ctrl+Y) outside of text fields. */
-export function undoKeys(graph) {
-  document.addEventListener("keydown", (event) => {
-    const typing = event.target.closest("input:not([type=checkbox], [type=range]), textarea, select, dialog");
-    if (typing || !(event.ctrlKey || event.metaKey)) return;
-    const key = event.key.toLowerCase();
-    if (key !== "z" && key !== "y") return;
-    event.preventDefault();
-    if (key === "y" || event.shiftKey) graph.redo();
-    else graph.undo();
-  });
+  return [...pois].sort((a, b) => between(a) - between(b) || byText(a.name, b.name));
 }
 
 export const KIND_NAMES = {
   room: "Room", toilet: "Wash room", bar: "Bar", lounge: "Lounge", hall: "Hall", junction: "Junction", lift: "Lift",
   stairs: "Stairs", door: "Door", entrance: "Entrance", exit: "Exit", other: "Other",
 };
+
+/** "Road 3" of "r3". */
+export function roadName(id) {
+  return `Road ${id.replace(/^r/, "")}`;
+}

@@ -1,6 +1,8 @@
 /* The stream of what happens: reconnects by itself, and keeps honest about how old things are. */
 
 import { signInAgain } from "./api.js";
+import { $, el, setText } from "./dom.js";
+import { toast } from "./toast.js";
 
 const RETRY_MS = [500, 1000, 2000, 4000];
 const SILENT_AFTER_S = 3;
@@ -35,7 +37,9 @@ export function follow(show) {
   const draw = () => {
     if (data === null) return;
     const elapsed_s = (performance.now() - receivedAt) / 1000;
-    show(data, elapsed_s, elapsed_s < SILENT_AFTER_S);
+    const linked = elapsed_s < SILENT_AFTER_S;
+    showLink(linked, elapsed_s);
+    show(data, elapsed_s, linked);
   };
   const isSignedOut = async () => {
     const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
@@ -43,6 +47,18 @@ export function follow(show) {
   };
   connect();
   setInterval(draw, TICK_MS);
+}
+
+/** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */
+function showLink(linked, elapsed_s) {
+  const banner = $("link-banner");
+  if (linked && !banner.hidden) toast("The console is there again; everything that it had confirmed is kept.");
+  if (!linked && banner.hidden) {
+    banner.replaceChildren("No connection to the console: nothing here is live, and nothing can be saved. It goes on by itself. ",
+      el("span", { class: "number", "aria-hidden": "true" }));
+  }
+  banner.hidden = linked;
+  if (!linked) setText(banner.lastElementChild, `Silent for ${Math.round(elapsed_s)} s.`);
 }
 
 /** How fresh something of this age is, at the oldest that it may be: the console's own limits, counted on by this page's

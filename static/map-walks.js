@@ -16,8 +16,6 @@ let lastShown = null; // what showLive was given last
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
   lastShown = [data, elapsed_s, linked];
-  $("link-banner").hidden = linked;
-  if (!linked) setText($("link-banner"), `No connection to the console for ${Math.round(elapsed_s)} s: nothing here is live.`);
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
   device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;
   const age_s = device && device.age_s !== null ? device.age_s + elapsed_s : null;

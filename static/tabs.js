@@ -1,5 +1,6 @@
 /* Tabs as the WAI-ARIA pattern has them: arrows move, the tab that has the focus is shown. */
 
+/** Make a list of tabs work; returns a function that chooses one by its id. */
 export function tabs(list) {
   const all = [...list.querySelectorAll("[role=tab]")];
   const choose = (tab, focus) => {
@@ -20,4 +21,8 @@ export function tabs(list) {
       choose(all[(index + step + all.length) % all.length], true);
     });
   }
+  return (id) => {
+    const tab = all.find((one) => one.id === id);
+    if (tab) choose(tab);
+  };
 }

@@ -1,6 +1,7 @@
 /* Short messages at the edge of the page, read out by screen readers. */
 
 import { $, el } from "./dom.js";
+import { during } from "./progress.js";
 
 const SHOWN_MS = 8000;
 
@@ -21,10 +22,10 @@ export function toast(sentence, { kind = "", action, onAction } = {}) {
   node.addEventListener("mouseleave", () => { timer = setTimeout(close, SHOWN_MS); });
 }
 
-/** Run what a button does; say in a toast what was refused. Returns whether it went well. */
-export async function attempt(work) {
+/** Run what a button does, showing that it runs; say in a toast what was refused. Returns whether it went well. */
+export async function attempt(work, words = "One moment…") {
   try {
-    await work();
+    await during(words, work);
     return true;
   } catch (error) {
     toast(error.message, { kind: "bad" });

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Error, Frame, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Error, Frame, Page, sync_playwright
 
 ARGUMENTS = (
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
@@ -81,6 +81,12 @@ def until(page: Page, state: Callable[[], Any], what: str, wait_s: float = WAIT_
             return value
         assert time.monotonic() < end_s, f"waited {wait_s:g} s for: {what}"
         page.wait_for_timeout(POLL_MS)
+
+
+def without_tour(context: BrowserContext, *names: str) -> None:
+    """Let people be those who have seen the tour of a first visit in this browser."""
+    seen = "".join(f"localStorage['tour-seen-{name}'] = '1';" for name in names)
+    context.add_init_script(f"if (self === top && location.protocol.startsWith('http')) {{ {seen} }}")
 
 
 def become_admin(page: Page, first_link: str, name: str = "Ada", password: str = "seven quiet corridors") -> None:

@@ -1,4 +1,6 @@
-"""A console process that is there to be killed: ``SITE DATA PORT TOKEN_FILE``; says its address once it serves."""
+"""A console process that is there to be killed: ``SITE DATA PORT TOKEN_FILE``; says its address, and the one-time link
+of a first start (or an empty line), once it serves.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,7 @@ def main() -> None:
     )
 
     def say(ready: Ready) -> None:
-        sys.stdout.write(ready.url + "\n")
+        sys.stdout.write(f"{ready.url}\n{ready.first_link or ''}\n")
         sys.stdout.flush()
 
     server.run(say)

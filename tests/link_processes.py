@@ -86,6 +86,7 @@ class ConsoleProcess:
         """Serve; returns when requests are taken."""
         self._victim = Victim("link_console_victim.py", self._site, self._folder / "data", self.port, self._token_file)
         self.port = int(self._victim.says().rsplit(":", 1)[1])
+        self.first_link = self._victim.says()
 
     def kill(self) -> None:
         """Kill it."""

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from browser import become_admin, chromium, until
+from browser import become_admin, chromium, until, without_tour
 from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited
 from playwright.sync_api import Browser, Page, Route, TimeoutError, expect
 from websockets.exceptions import ConnectionClosed
@@ -40,6 +40,9 @@ NAMELESS = """
 """
 
 
+PAGES = (
+    "/", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings", "/admin",
+)  # fmt: skip
 _REASONS = {
     Mode.PAUSED: "paused", Mode.LOST: "pose_lost", Mode.ARRIVED: "arrived", Mode.FAULT: "sensor_stale",
 }  # fmt: skip
@@ -98,6 +101,7 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
     context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 700})
+    without_tour(context, "Ada")
     opened = context.new_page()
     opened.set_default_timeout(60_000)
     failures: list[str] = []
@@ -130,25 +134,31 @@ def test_places_are_made_joined_and_taken_back_without_any_dragging(page: Page, 
     dialog = page.get_by_role("dialog")
     dialog.get_by_label("Name").fill("<img src=x onerror=alert(1)> Lift")
     dialog.get_by_label("Kind").select_option("lift")
+    dialog.get_by_label("Position", exact=True).select_option("xy")
     dialog.get_by_label("x (metres)").fill("3")
     dialog.get_by_label("y (metres)").fill("40")
-    dialog.get_by_role("button", name="Save").click()
+    dialog.get_by_role("button", name="Add it").click()
     expect(dialog.get_by_role("alert")).to_contain_text("40.0 m from the road")
     dialog.get_by_label("y (metres)").fill("0.5")
     page.keyboard.press("Enter")
     lift = page.locator("#places tr", has_text="<img src=x onerror=alert(1)> Lift")
     expect(lift).to_be_visible()
-    page.get_by_role("button", name="Join all neighbours along the road").click()
+    page.get_by_role("tab", name="Connections").click()
+    page.get_by_role("button", name="Propose connections…").click()
+    page.get_by_role("button", name="Accept all").click()
     expect(page.locator("#edges tr")).to_have_count(3)
+    page.get_by_role("tab", name="Places").click()
     lift.get_by_role("button", name="Delete").click()
     expect(page.locator("#edges tr")).to_have_count(1)
     page.locator("h1").click()
     page.keyboard.press("Control+z")
     expect(page.locator("#edges tr")).to_have_count(3)
+    page.get_by_role("tab", name="Connections").click()
     page.get_by_label("Closed: Hall to Bar").check()
+    until(page, lambda: server.services.model.graph.edges["a-b"].closed, "the connection to be closed")
+    page.goto("/pois#connections")
     page.reload()
     expect(page.get_by_label("Closed: Hall to Bar")).to_be_checked()
-    assert server.services.model.graph.edges["a-b"].closed
     page.get_by_role("button", name="Publish").click()
     expect(page.locator("#version")).to_contain_text("is published")
     assert server.services.model.published == server.services.model.graph
@@ -248,6 +258,7 @@ def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server
     context = browser.new_context(base_url=server.ready.url)
     ((name, value),) = viewer.http.cookies.items()
     context.add_cookies([{"name": name, "value": value, "url": server.ready.url}])
+    without_tour(context, "Vera")
     page = context.new_page()
     page.goto("/pois")
     expect(page.locator("#places tr")).to_have_count(2)
@@ -259,7 +270,7 @@ def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server
 
 def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None:
     page.set_viewport_size({"width": 360, "height": 740})
-    for path in ("/", "/pois", "/settings", "/admin"):
+    for path in PAGES:
         page.goto(path)
         expect(page.locator("#user-name")).to_have_text("Ada")
         expect(page.locator("body:not([inert])")).to_be_attached()

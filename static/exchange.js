@@ -1,0 +1,98 @@
+/* The page Import and export. */
+
+import { sendFile } from "./api.js";
+import { changesList } from "./changes.js";
+import { $, el, setText } from "./dom.js";
+import { editorPage } from "./draft.js";
+import { progressBar } from "./progress.js";
+import { toast } from "./toast.js";
+
+const EXPORTS = [
+  ["site.zip", "The whole site", "One file: map, road, places and connections, with checksums. It can be imported here or elsewhere."],
+  ["graph.geojson", "Places, connections and roads (GeoJSON)", "For maps and other programs; metres of this map."],
+  ["graph.graphml", "Places and connections (GraphML)", "For programs that work on graphs."],
+  ["cloud.ply", "Point cloud (PLY)", "The points of the building, with colours."],
+  ["cloud.pcd", "Point cloud (PCD)", "The same, for programs of the PCL family."],
+  ["road.tum", "Road (TUM trajectory)", "The walked line."],
+];
+const previewed = { file: null, token: "" };
+
+const { me, graph, begin } = await editorPage({ show: () => {} });
+$("exports").replaceChildren(...(me.mayMap ? EXPORTS.map(exportItem) : [el("li", {}, "Your role may not export: ask an editor or a technician.")]));
+$("site-form").closest("section").hidden = !me.mayMap;
+
+function exportItem([file, title, words]) {
+  return el("li", {}, el("a", { href: `/api/export/${file}`, download: file, class: "button slim" }, file), el("span", {}, el("b", {}, title), el("br"), el("span", { class: "quiet small" }, words)));
+}
+
+/** A form that sends a file: `take(answer, file)` gets what the console says; errors stand beside the field. */
+function fileForm(name, pathOf, take) {
+  const [input, problem, send] = [$(`${name}-file`), $(`${name}-problem`), $(`${name}-send`)];
+  const bar = progressBar(`How much of the file has gone`);
+  $(`${name}-progress`).append(bar.node);
+  const say = (sentence) => {
+    setText(problem, sentence);
+    if (sentence) input.setAttribute("aria-invalid", "true");
+    else input.removeAttribute("aria-invalid");
+  };
+  $(`${name}-form`).addEventListener("submit", async (event) => {
+    event.preventDefault();
+    const [file] = input.files;
+    say(file ? "" : "Choose a file first.");
+    if (!file) return input.focus();
+    send.disabled = true;
+    try {
+      const answer = await sendFile(pathOf(file), file, (share) => bar.show(share === 1 ? null : share, share === 1 ? "It has arrived; the console looks at it." : `${file.name} is being sent.`));
+      take(answer, file);
+    } catch (error) {
+      say(error.status === 404 ? "This console cannot import yet." : error.message);
+      input.focus();
+    } finally {
+      send.disabled = false;
+      bar.hide();
+    }
+    return undefined;
+  });
+}
+
+const graphPath = (file, token) => `/api/import/graph?${new URLSearchParams({ name: file.name.slice(0, 120), ...(token ? { confirm: token } : {}) })}`;
+
+fileForm("graph", (file) => graphPath(file), ({ token, changes, unused }, file) => {
+  Object.assign(previewed, { file, token });
+  const apply = el("button", { type: "button", class: "primary", disabled: changes.length === 0, onclick: () => confirm(apply) }, "Import it");
+  const title = el("h3", { id: "preview-title", tabindex: "-1" }, `What ${file.name} would change`);
+  $("preview").replaceChildren(title, changesList(changes, (id) => graph.nameOf(id), "Nothing: the draft is like this already."),
+    ...(unused.length ? [el("div", { class: "note warn" }, el("p", {}, el("b", {}, `${unused.length} things cannot be used and are left out:`)), el("ul", { class: "changes" }, ...unused.map((sentence) => el("li", {}, sentence))))] : []),
+    el("p", { class: "problem", id: "preview-problem", role: "alert" }),
+    el("div", { class: "row" }, apply, el("button", { type: "button", onclick: dropPreview }, "Leave it")));
+  $("preview").hidden = false;
+  title.focus();
+});
+
+function dropPreview() {
+  $("preview").hidden = true;
+  $("graph-file").focus();
+}
+
+async function confirm(button) {
+  button.disabled = true;
+  try {
+    await sendFile(graphPath(previewed.file, previewed.token), previewed.file, () => {});
+    await graph.fetch();
+    dropPreview();
+    $("graph-form").reset();
+    toast(`${previewed.file.name} is imported into the draft.`, { action: "Undo", onAction: () => graph.undo() });
+  } catch (error) {
+    setText($("preview-problem"), error.message);
+    button.disabled = false;
+  }
+}
+
+fileForm("site", () => "/api/import/site", ({ name, serve }) => {
+  $("site-done").replaceChildren(`${name} is here as a site of its own. Open it with `, el("code", {}, serve));
+  $("site-done").hidden = false;
+  $("site-form").reset();
+});
+
+await graph.fetch();
+begin();

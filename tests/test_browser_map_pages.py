@@ -1,0 +1,153 @@
+"""The pages Checks, Rehearse and Versions with what the checker, the rehearsal and a refused publication answer.
+
+What the console answers is laid down here: the pages show it, whatever a map gives.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+from browser import become_admin, chromium, until, without_tour
+from playwright.sync_api import Browser, Page, Route, expect
+
+from console.edits import UpdatePoi
+from console.server import ConsoleServer
+
+pytestmark = pytest.mark.browser
+expect.set_options(timeout=30_000)
+FINDINGS = [
+    {
+        "code": "unreachable_poi", "severity": "error", "text": "Bar cannot be reached.", "action": "Connect it.",
+        "x_m": 6.0, "y_m": 0.0, "poi_ids": ["b"], "edge_ids": [], "road_ids": [],
+    },
+    {
+        "code": "narrow", "severity": "warning", "text": "Hall – Bar is 0.5 m wide.", "action": "Measure it.",
+        "x_m": 3.0, "y_m": 0.0, "poi_ids": [], "edge_ids": ["a-b"], "road_ids": [],
+    },
+]  # fmt: skip
+
+
+def state(stage: str, version: int | None = None, percent: int = 0, findings: tuple[Any, ...] = ()) -> dict[str, Any]:
+    return {"stage": stage, "draft_version": 1, "percent": percent, "version": version, "is_stale": False,
+            "findings": list(findings), "sentence": ""}  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
+    context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 800})
+    context.set_default_timeout(30_000)
+    without_tour(context, "Ada")
+    opened = context.new_page()
+    failures: list[str] = []
+    opened.on("pageerror", lambda error: failures.append(str(error)))
+    assert server.ready.first_link is not None
+    become_admin(opened, server.ready.first_link)
+    yield opened
+    context.close()
+    assert failures == []
+
+
+def answering(page: Page, path: str, answer: Callable[[str, Any], Any]) -> list[Any]:
+    """Let ``answer(method, body)`` answer for a path; return the list of what was sent there."""
+    sent: list[Any] = []
+
+    def fulfil(route: Route) -> None:
+        body = json.loads(route.request.post_data or "null")
+        if route.request.method != "GET":
+            sent.append(body)
+        route.fulfill(**answer(route.request.method, body))
+
+    page.route(f"**{path}", fulfil)
+    return sent
+
+
+def test_a_check_is_run_its_findings_are_filtered_shown_in_the_scene_and_grow_old(
+    page: Page, server: ConsoleServer
+) -> None:
+    states = iter([state("none"), state("running", percent=40), state("running", percent=80)])
+    done = state("done", 1, findings=tuple(FINDINGS))
+    begun = answering(page, "/api/check", lambda *_: {"json": next(states, done)})
+    viewed = answering(page, "/api/view", lambda *_: {"json": {"scenes": 1}})
+    page.goto("/checks")
+    expect(page.locator("#state")).to_contain_text("Nobody has checked this draft yet")
+    page.get_by_role("button", name="Check the draft").press("Enter")
+    expect(page.locator("#state")).to_have_text("Version 1 has 1 error, 1 warning.")
+    assert len(begun) == 1
+    expect(page.locator("#findings h3")).to_have_count(2)
+    expect(page.locator("#findings li").first).to_contain_text("at Bar (6.0, 0.0)")
+    expect(page.locator(".plan-mark")).to_have_count(2)
+
+    page.get_by_label("Severity").select_option("warning")
+    expect(page.locator("#findings li")).to_have_count(1)
+    expect(page.locator(".plan-mark text")).to_have_text("2")
+    page.get_by_role("button", name="Show in the scene: Hall – Bar is 0.5 m wide.").press("Enter")
+    expect(page.locator("#toasts")).to_contain_text("The scene shows it.")
+    assert viewed == [{"point": [3.0, 0.0], "kind": "edge", "id": "a-b"}]
+
+    server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
+    expect(page.locator("#state")).to_contain_text("The draft is version 2 by now: check it again.")
+
+
+def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page, server: ConsoleServer) -> None:
+    model = server.services.model
+    model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
+    published = model.published
+
+    def answer(_: str, body: Any) -> Any:
+        if body != {"confirmed": True}:
+            return {"status": 409, "json": {"error": "The draft has one error.", "findings": FINDINGS[:1]}}
+        model.publish("Ada")
+        return {"json": page.request.get("/api/graph").json()}
+
+    answering(page, "/api/check", lambda *_: {"json": state("done", 2, findings=tuple(FINDINGS))})
+    sent = answering(page, "/api/publish", answer)
+    page.goto("/versions")
+    expect(page.locator("#steps")).to_contain_text("Found: 1 error, 1 warning.")
+    page.get_by_role("button", name="Publish").press("Enter")
+    asked = page.get_by_role("dialog")
+    expect(asked).to_contain_text("Bar cannot be reached. Connect it.")
+    asked.get_by_role("button", name="Not yet").press("Enter")
+    assert (sent, model.published) == ([{}], published)
+    page.get_by_role("button", name="Publish").press("Enter")
+    asked.get_by_role("button", name="Publish it").press("Enter")
+    expect(page.locator("#steps")).to_contain_text("Version 2 is what is published.")
+    assert sent == [{}, {}, {"confirmed": True}]
+
+
+def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:
+    heard = {"lasts_s": 1.0, "edge_id": "a-b", "poi_id": None, "sound": None}
+    utterances = [
+        {"stamp_s": 0.0, "x_m": 0.0, "y_m": 0.0, "along_m": 0.0, "kind": "route", "text": "To Bar.", **heard},
+        {"stamp_s": 65.0, "x_m": 6.0, "y_m": 0.0, "along_m": 6.0, "kind": "arrived", "text": "You are there.", **heard},
+    ]  # fmt: skip
+    result = {
+        "graph_version": 1, "start": "a", "destination": "b", "language": "en", "voice": "browser", "arrived": True,
+        "refusal": "", "total_s": 65.0, "length_m": 6.0, "utterances": utterances,
+    }  # fmt: skip
+    sent = answering(page, "/api/rehearsals", lambda *_: {"json": result})
+    page.goto("/rehearse")
+    expect(page.locator("body:not([inert])")).to_be_attached()
+    page.get_by_role("button", name="Rehearse", exact=True).press("Enter")
+    expect(page.get_by_role("alert").filter(has_text="Choose both places.")).to_be_visible()
+    expect(page.get_by_label("From")).to_be_focused()
+    page.get_by_label("From").select_option(label="Hall")
+    page.get_by_label("To", exact=True).select_option(label="Bar")
+    page.get_by_role("button", name="Rehearse", exact=True).press("Enter")
+    expect(page.get_by_role("heading", name="Hall to Bar")).to_be_focused()
+    assert sent == [{"start": "a", "destination": "b", "language": "en"}]
+    expect(page.locator("#utterances tr")).to_have_count(2)
+    expect(page.locator("#utterances tr").last).to_contain_text("1:05")
+    expect(page.locator("#utterances tr").last).to_contain_text("at Bar")
+    page.get_by_role("button", name="Play 2: You are there.").press("Enter")
+    until(page, lambda: page.locator(".plan-mark.chosen text").text_content() == "2", "the place on the plan")
+    server.services.model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
+    expect(page.locator("#summary")).to_contain_text("of version 1; the draft is 2")

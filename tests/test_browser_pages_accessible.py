@@ -1,0 +1,160 @@
+"""axe looks at every page, in both themes, with data and empty, and with each dialog open: WCAG 2.2 A and AA."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.sync_playwright import Axe
+from browser import become_admin, chromium, until, without_tour
+from console_room import serving
+from playwright.sync_api import Browser, Page, expect
+
+from console.edits import UpdatePoi
+from console.server import ConsoleServer
+from navcore.planning.poi_graph import PoiGraph
+from navcore.site import Site, save_site
+
+pytestmark = pytest.mark.browser
+TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
+FOCUS_IS_IN_TOUR = """
+() => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
+"""
+PAGES = (
+    "/", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks",
+    "/settings", "/admin",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as running:
+        yield running
+
+
+def signed_in(browser: Browser, server: ConsoleServer) -> Page:
+    context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 800})
+    page = context.new_page()
+    page.set_default_timeout(60_000)
+    assert server.ready.first_link is not None
+    become_admin(page, server.ready.first_link)
+    return page
+
+
+def opened(page: Page, path: str) -> None:
+    page.goto("about:blank")
+    page.goto(path)
+    expect(page.locator("body:not([inert])")).to_be_attached(timeout=60_000)
+
+
+def faults(page: Page) -> list[str]:
+    # What lies in the frame is viser's own page.
+    options = {"runOnly": {"type": "tag", "values": TAGS}, "resultTypes": ["violations"], "iframes": False}
+    found = Axe().run(page, context={"exclude": [["iframe"]]}, options=options).response["violations"]
+    return [
+        f"{fault['id']}: {node['html'][:160]} {node['failureSummary']}" for fault in found for node in fault["nodes"]
+    ]
+
+
+def in_both_themes(page: Page, what: str) -> list[str]:
+    found = []
+    for theme in ("light", "dark"):
+        page.emulate_media(color_scheme=theme, reduced_motion="reduce")
+        found += [f"{what}, {theme}: {fault}" for fault in faults(page)]
+    return found
+
+
+@pytest.mark.slow
+def test_no_page_has_a_fault_with_data_or_empty(
+    browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site
+) -> None:
+    empty = replace(small_site, poi_graph=PoiGraph(version=1))
+    save_site(empty, tmp_path / "empty")
+    found = []
+    with serving(tmp_path / "empty", tmp_path / "empty-data") as bare:
+        for name, one in (("with data", server), ("empty", bare)):
+            page = signed_in(browser, one)
+            without_tour(page.context, "Ada")
+            for path in PAGES:
+                opened(page, path)
+                found += in_both_themes(page, f"{path} {name}")
+            page.context.close()
+    assert found == []
+
+
+def click(name: str, exact: bool = False) -> Callable[[Page], None]:
+    return lambda page: page.get_by_role("button", name=name, exact=exact).first.click()
+
+
+DIALOGS: tuple[tuple[str, Callable[[Page], None]], ...] = (
+    ("/pois", click("Help")),
+    ("/pois", click("Add a place…")),
+    ("/pois", click("Edit Hall")),
+    ("/pois", click("Move Hall")),
+    ("/pois", click("Merge Hall")),
+    ("/pois#connections", click("Connect two places…")),
+    ("/pois#connections", click("Change the connection Hall to Bar")),
+    ("/pois#connections", click("Split the connection Hall to Bar")),
+    ("/pois#roads", click("Draw a road…")),
+    ("/pois#roads", click("Trim Road 1")),
+    ("/pois#roads", click("Smooth Road 1")),
+    ("/pois#roads", click("Split Road 1")),
+    ("/pois#roads", click("Join Road 1")),
+    ("/versions", click("Name the draft…")),
+)
+
+
+@pytest.mark.slow
+def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, server: ConsoleServer) -> None:
+    page = signed_in(browser, server)
+    opened(page, "/pois")
+    tour = page.get_by_role("dialog", name="The map is a road")
+    expect(tour).to_be_visible()
+    found = in_both_themes(page, "the tour")
+    page.keyboard.press("Escape")
+    for path, open_it in DIALOGS:
+        opened(page, path)
+        open_it(page)
+        dialog = page.get_by_role("dialog")
+        expect(dialog).to_be_visible()
+        if dialog.locator("button[type=submit]").count():
+            # With all that an empty form is told.
+            for box in dialog.locator("input:not([type=checkbox]):visible").all():
+                box.fill("")
+            dialog.locator("button[type=submit]").click()
+            expect(dialog.locator("[aria-invalid]").first).to_be_visible()
+        found += in_both_themes(page, f"a dialog of {path}: {dialog.locator('h2').inner_text()}")
+        page.keyboard.press("Escape")
+        expect(page.get_by_role("dialog")).to_have_count(0)
+    found += in_both_themes(page, "a page")
+    opened(page, "/pois")
+    click("Edit Hall")(page)
+    page.get_by_role("dialog").get_by_label("Name").fill("Great hall")
+    server.services.model.apply(UpdatePoi("a", name="Lobby"), "Bea")
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("dialog", name="Two versions")).to_be_visible()
+    found += in_both_themes(page, "a conflict")
+    assert found == []
+    page.context.close()
+
+
+def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, server: ConsoleServer) -> None:
+    page = signed_in(browser, server)
+    opened(page, "/pois")
+    tour = page.locator("dialog.tour")
+    for title in ("The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish"):
+        expect(tour.get_by_role("heading", name=title)).to_be_focused()
+        for _ in range(6):
+            page.keyboard.press("Tab")
+            assert page.evaluate(FOCUS_IS_IN_TOUR)
+        tour.get_by_role("button", name="Next").or_(tour.get_by_role("button", name="Done")).press("Enter")
+    expect(tour).to_have_count(0)
+    opened(page, "/pois")
+    expect(page.locator("#places tr")).to_have_count(2)
+    assert page.locator("dialog.tour").count() == 0
+    page.keyboard.press("?")
+    page.get_by_role("button", name="Show the tour").press("Enter")
+    until(page, lambda: page.locator("dialog.tour").is_visible(), "the tour again")
+    page.context.close()

@@ -18,8 +18,10 @@ from console.graph_log import LogEntry
 from console.model import SiteModel
 from console.publishing import publish
 from console.requests import Visitor, json_response
+from console.roles import EDITING
 from console.services import Services
 from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
+from console.viewer.shortcuts import help_groups
 from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
 HISTORY_SHOWN_COUNT = 200
@@ -64,6 +66,11 @@ def add_routes(app: FastAPI, services: Services) -> None:
         confirmed = body is not None and body.confirmed
         publish(model, services.checks, visitor.user_name, confirmed=confirmed)
         return json_response(graph_view(model, visitor.user_name))
+
+    @app.get("/api/shortcuts")
+    def shortcuts(visitor: Visitor) -> Response:
+        """The keys of the scene, for the pages' help."""
+        return json_response({"groups": help_groups(visitor.role in EDITING)})
 
     @app.post("/api/view")
     def view(visitor: Visitor, body: ViewBody) -> Response:

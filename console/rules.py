@@ -78,6 +78,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/redo"): EDITORS,
     ("POST", "/api/publish"): EDITORS,
     ("POST", "/api/view"): EVERYBODY,
+    ("GET", "/api/shortcuts"): EVERYBODY,
     # Export and import.
     ("GET", "/api/export/{what}"): MAPPERS,
     ("POST", "/api/import/graph"): Rule("people", EDITING, MAX_GRAPH_FILE_BYTES),

@@ -7,9 +7,10 @@ Plain arrows turn viser's camera; the scene's page gives them to the editor inst
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-from viser._messages import HotkeyKey, KeyModifier
+if TYPE_CHECKING:
+    from viser._messages import HotkeyKey, KeyModifier
 
 Action = Literal[
     "select", "tag", "connect", "draw", "propose", "publish", "accept", "escape", "take_back", "delete", "undo", "redo",

@@ -6,6 +6,7 @@ import { follow, FRESHNESS, freshnessOf } from "./live.js";
 import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
 import { attempt, toast } from "./toast.js";
+import { tourOnFirstVisit } from "./tour.js";
 import { Walker } from "./walker.js";
 
 const me = await start();
@@ -194,3 +195,4 @@ await graph.fetch();
 follow(showLive);
 
 ready();
+if (me.mayEdit) tourOnFirstVisit(me);

@@ -56,37 +56,48 @@ $("route-form").addEventListener("submit", async (event) => {
 });
 
 function showResult() {
-  const { utterances, refusal } = result;
+  const { utterances } = result;
   $("no-rehearsal").hidden = true;
   $("result").hidden = $("plan-section").hidden = false;
   setText($("result-title"), `${graph.nameOf(result.start)} to ${graph.nameOf(result.destination)}`);
   markStale(graph.data);
-  $("utterances").replaceChildren(...utterances.map(row));
+  showList();
   $("play-all").disabled = !utterances.some(({ text, sound }) => text || sound);
   setText($("voice"), result.voice === "browser" ? "Spoken by this browser: the console has no voice. Tones are left out." : "");
-  plan.show(utterances.map(({ x_m, y_m, text, kind }, index) => ({ number: index + 1, x_m, y_m, label: text || kind, kind: refusal ? "warn" : "info" })));
   plan.fetch();
   $("result-title").focus();
 }
 
+/** Show what is said, or, where it is asked for, the tones in between as well; they are played in either case. */
+function showList() {
+  const shown = [...result.utterances.entries()].filter(([, { text }]) => text || $("tones").checked);
+  $("utterances").replaceChildren(...shown.map(([index, utterance], at) => row(utterance, index, at + 1)));
+  const kind = result.refusal ? "warn" : "info";
+  plan.show(shown.map(([, { x_m, y_m, text, kind: tone }], at) => ({ number: at + 1, x_m, y_m, label: text || tone, kind })));
+}
+
+$("tones").addEventListener("change", () => result && showList());
+
 function markStale({ version }) {
   if (!result) return;
   const { refusal, length_m, total_s, utterances, graph_version } = result;
-  const words = refusal ? `Nobody is led there: ${refusal}` : `${metres(length_m)}, ${clock(total_s)} minutes, ${utterances.length} sentences and tones.`;
+  const words = refusal ? `Nobody is led there: ${refusal}` : `${metres(length_m)}, ${clock(total_s)} minutes, ${count(utterances.filter(({ text }) => text).length, "sentence")}, ${count(utterances.filter(({ text }) => !text).length, "tone")}.`;
   const old = graph_version !== version ? [badge("warn", "▲", `of version ${graph_version}; the draft is ${version}: rehearse it again`)] : [];
   $("summary").replaceChildren(badge(refusal ? "bad" : "good", refusal ? "✕" : "✓", refusal ? "refused" : "arrives"), ` ${words} `, ...old);
 }
 
-function row(utterance, index) {
+function row(utterance, index, number) {
   const { stamp_s, along_m, text, kind, x_m, y_m, sound } = utterance;
   const where = whereWords(graph, x_m, y_m);
-  const node = el("tr", { "data-utterance": index }, el("td", { class: "number" }, clock(stamp_s)), el("td", { class: "number wide" }, metres(along_m)),
-    el("td", {}, el("span", { class: "numbered" }, String(index + 1)), text ? el("b", {}, text) : el("span", { class: "quiet" }, `a tone (${kind.replaceAll("_", " ")})`)),
+  const node = el("tr", { "data-utterance": index, "data-number": number }, el("td", { class: "number" }, clock(stamp_s)), el("td", { class: "number wide" }, metres(along_m)),
+    el("td", {}, el("span", { class: "numbered" }, String(number)), text ? el("b", {}, text) : el("span", { class: "quiet" }, `a tone (${kind.replaceAll("_", " ")})`)),
     el("td", { class: "wide" }, where),
-    el("td", { class: "actions" }, el("button", { type: "button", class: "plain slim", disabled: !text && !sound, "aria-label": `Play ${index + 1}: ${text || "tone"}`, onclick: () => player.play([[index, utterance]], result.language) }, "Play")));
-  for (const event of ["mouseenter", "focusin"]) node.addEventListener(event, () => plan.point(index + 1));
+    el("td", { class: "actions" }, el("button", { type: "button", class: "plain slim", disabled: !text && !sound, "aria-label": `Play ${number}: ${text || "tone"}`, onclick: () => player.play([[index, utterance]], result.language) }, "Play")));
+  for (const event of ["mouseenter", "focusin"]) node.addEventListener(event, () => plan.point(number));
   return node;
 }
+
+const count = (number, word) => `${number} ${word}${number === 1 ? "" : "s"}`;
 
 /** "1:05": minutes and seconds. */
 function clock(seconds) {
@@ -100,9 +111,10 @@ $("stop").addEventListener("click", () => player.stop());
 function showPlaying(index) {
   $("stop").disabled = index === null;
   for (const node of $("utterances").children) node.classList.toggle("playing", node.dataset.utterance === String(index));
-  if (index === null) return;
-  plan.point(index + 1);
-  setText($("now-playing"), `Playing ${index + 1}`);
+  const number = $("utterances").querySelector(".playing")?.dataset.number;
+  if (!number) return;
+  plan.point(Number(number));
+  setText($("now-playing"), `Playing ${number}`);
 }
 
 await graph.fetch();

@@ -89,8 +89,12 @@ def without_tour(context: BrowserContext, *names: str) -> None:
     context.add_init_script(f"if (self === top && location.protocol.startsWith('http')) {{ {seen} }}")
 
 
-def become_admin(page: Page, first_link: str, name: str = "Ada", password: str = "seven quiet corridors") -> None:
+def become_admin(
+    page: Page, first_link: str, name: str = "Ada", password: str = "seven quiet corridors", *, sees_tour: bool = False
+) -> None:
     """Open the one-time link of a first start, choose name and password, and arrive at the console."""
+    if not sees_tour:
+        without_tour(page.context, name)
     page.goto(first_link)
     page.get_by_label("Your name").fill(name)
     page.get_by_label("Password", exact=True).fill(password)

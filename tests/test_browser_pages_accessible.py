@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from axe_playwright_python.sync_playwright import Axe
-from browser import become_admin, chromium, until, without_tour
+from browser import become_admin, chromium, until
 from console_room import serving
 from playwright.sync_api import Browser, Page, expect
 
@@ -34,12 +34,12 @@ def browser() -> Iterator[Browser]:
         yield running
 
 
-def signed_in(browser: Browser, server: ConsoleServer) -> Page:
+def signed_in(browser: Browser, server: ConsoleServer, *, sees_tour: bool = False) -> Page:
     context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 800})
     page = context.new_page()
     page.set_default_timeout(60_000)
     assert server.ready.first_link is not None
-    become_admin(page, server.ready.first_link)
+    become_admin(page, server.ready.first_link, sees_tour=sees_tour)
     return page
 
 
@@ -76,7 +76,6 @@ def test_no_page_has_a_fault_with_data_or_empty(
     with serving(tmp_path / "empty", tmp_path / "empty-data") as bare:
         for name, one in (("with data", server), ("empty", bare)):
             page = signed_in(browser, one)
-            without_tour(page.context, "Ada")
             for path in PAGES:
                 opened(page, path)
                 found += in_both_themes(page, f"{path} {name}")
@@ -108,8 +107,7 @@ DIALOGS: tuple[tuple[str, Callable[[Page], None]], ...] = (
 
 @pytest.mark.slow
 def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, server: ConsoleServer) -> None:
-    page = signed_in(browser, server)
-    opened(page, "/pois")
+    page = signed_in(browser, server, sees_tour=True)
     tour = page.get_by_role("dialog", name="The map is a road")
     expect(tour).to_be_visible()
     found = in_both_themes(page, "the tour")
@@ -141,8 +139,7 @@ def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, se
 
 
 def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, server: ConsoleServer) -> None:
-    page = signed_in(browser, server)
-    opened(page, "/pois")
+    page = signed_in(browser, server, sees_tour=True)
     tour = page.locator("dialog.tour")
     for title in ("The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish"):
         expect(tour.get_by_role("heading", name=title)).to_be_focused()

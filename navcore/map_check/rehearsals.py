@@ -54,7 +54,7 @@ def long_silences(evidence: MapEvidence) -> Iterator[Finding]:
 def rehearsals_without_arrival(evidence: MapEvidence) -> Iterator[Finding]:
     """Find ways on which nobody would arrive though there is a way."""
     for refusal in evidence.refusals:
-        action = "Rehearse that way on the page Rehearsal, and see where it ends."
+        action = "Rehearse that way on the page Rehearse, and see where it ends."
         yield Finding("rehearsal_failed", "error", refusal, action, 0.0, 0.0)
 
 
@@ -65,7 +65,7 @@ def not_rehearsed(evidence: MapEvidence) -> Iterator[Finding]:
         return
     what = edge_name(edges[0], evidence.graph) + " was" if len(edges) == 1 else f"{len(edges)} edges were"
     text = f"{what} not rehearsed in each direction: what is said there has not been checked."
-    action = "Rehearse ways over it on the page Rehearsal, where it matters."
+    action = "Rehearse ways over it on the page Rehearse, where it matters."
     x_m, y_m = middle_of(edges[0], evidence.graph)
     yield Finding("not_rehearsed", "note", text, action, x_m, y_m, edge_ids=tuple(edge.id for edge in edges))
 

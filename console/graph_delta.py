@@ -6,8 +6,8 @@ now is not what the change left behind).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -59,6 +59,23 @@ def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
         if edge.a not in changed.pois or edge.b not in changed.pois:
             raise ConflictError("An edge that was drawn since leads to this place: delete that edge first.")
     return changed
+
+
+def changed_by(delta: GraphDelta) -> Iterator[tuple[Literal["poi", "edge", "road"], str]]:
+    """Return the things that a change is about, by kind and identifier.
+
+    A connection of which only the geometry differs has merely followed a place or the road: it is computed anew each
+    time, and nobody's decision about it is lost.
+    """
+    yield from (("poi", key) for key in delta.pois)
+    yield from (("edge", key) for key, (before, after) in delta.edges.items() if not _has_followed(before, after))
+    yield from (("road", key) for key in delta.roads)
+
+
+def _has_followed(before: Edge | None, after: Edge | None) -> bool:
+    if before is None or after is None:
+        return False
+    return msgspec.structs.replace(before, path_m=after.path_m, length_m=after.length_m) == after
 
 
 def _differing(before: Mapping[str, Item], after: Mapping[str, Item]) -> dict[str, tuple[Item | None, Item | None]]:

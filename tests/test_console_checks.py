@@ -212,7 +212,15 @@ def test_errors_are_published_only_by_whoever_has_seen_them(stage: Callable[...,
         publish(here.model, here.checks, "Ada")
     assert here.model.published.version != here.model.graph.version
     assert {finding.severity for finding in refused.value.details()["findings"]} == {"error"}
-    assert publish(here.model, here.checks, "Ada", confirmed=True) is here.model.graph
+    version = refused.value.details()["version"]
+    seen = here.model.graph
+    here.model.apply(AddPoi("Lounge", "lounge", 3.0, 0.0), "Bob")
+    with pytest.raises(ConflictError, match="changed meanwhile"):
+        publish(here.model, here.checks, "Ada", confirmed_version=version)
+    here.model.undo("Bob")
+    assert here.model.graph.edges == seen.edges
+    version = here.model.graph.version
+    assert publish(here.model, here.checks, "Ada", confirmed_version=version) is here.model.graph
     here.model.undo("Ada")
     assert publish(here.model, here.checks, "Ada").version == here.model.graph.version, "checked, and nothing is wrong"
 

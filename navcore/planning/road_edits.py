@@ -45,7 +45,9 @@ def recorded_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
 
 def network_of(roads: Mapping[str, Road]) -> RoadNetwork:
     """Return the network that the roads of a graph make."""
-    return RoadNetwork.from_roads([np.array(road.points_m) for road in roads.values()])
+    recorded = [np.array(road.points_m) for road in roads.values() if road.origin == "recorded"]
+    drawn = [np.array(road.points_m) for road in roads.values() if road.origin == "drawn"]
+    return RoadNetwork.from_roads(recorded, drawn_m=drawn)
 
 
 def drawn_lines_m(graph: PoiGraph) -> list[FloatArray]:

@@ -20,6 +20,7 @@ from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
+from navcore.planning.drawn_lines import with_drawn
 from navcore.planning.road_joining import SPACING_M, joined_centre_lines
 
 _NEAR_M = 2.0
@@ -64,19 +65,23 @@ class RoadNetwork:
     """The same as polylines (k, 2) from junction or end to junction or end, for drawing."""
 
     @staticmethod
-    def from_roads(roads_m: Sequence[FloatArray], merge_distance_m: float = 0.5) -> RoadNetwork:
-        """Make the network of recorded walks.
+    def from_roads(
+        roads_m: Sequence[FloatArray], merge_distance_m: float = 0.5, *, drawn_m: Sequence[FloatArray] = ()
+    ) -> RoadNetwork:
+        """Make the network of recorded walks, and of lines that somebody has drawn beside them.
 
         Args:
             roads_m: polylines (n, 2) or (n, 3), metres; of three coordinates the height is left out.
             merge_distance_m: passes nearer to each other than this are the same road.
+            drawn_m: polylines of the same form; they meet the recorded road, and never move it.
 
         Raises InputError where a polyline is of another form or holds a number that is not finite.
         """
         if not 0.05 <= merge_distance_m <= 5.0:
             raise InputError(f"Roads cannot be merged over {merge_distance_m:g} m: choose between 0.05 and 5 m.")
-        walks = [_checked_walk(road) for road in roads_m]
-        return RoadNetwork._from_lines(joined_centre_lines([w for w in walks if len(w) > 1], merge_distance_m))
+        walks, drawn = ([_checked_walk(road) for road in roads] for roads in (roads_m, drawn_m))
+        lines = joined_centre_lines([walk for walk in walks if len(walk) > 1], merge_distance_m)
+        return RoadNetwork._from_lines(with_drawn(lines, [line for line in drawn if len(line) > 1], merge_distance_m))
 
     @staticmethod
     def _from_lines(lines: Sequence[FloatArray]) -> RoadNetwork:

@@ -104,11 +104,11 @@ class WayFinder:
     def _destination(self, poi_id: str) -> Poi:
         goal = self.graph.pois.get(poi_id)
         if goal is None:
-            raise PlanningError(f"There is no place {poi_id!r} in the PoI-graph: choose another destination.")
+            raise PlanningError(f"There is no place {poi_id!r} in this map: choose another destination.")
         if not goal.on_road:
             raise PlanningError(f"{goal.name} does not stand on the virtual blind road: choose a place that does.")
         if not self._ways.is_joined(poi_id):
-            raise PlanningError(f"No edge leads to {goal.name}: join it with another place in the PoI-graph first.")
+            raise PlanningError(f"No way leads to {goal.name} in this map yet: choose another destination.")
         return goal
 
     def _near(self, x_m: float, y_m: float, beside_too: bool) -> tuple[EdgePoint, ...]:
@@ -117,7 +117,7 @@ class WayFinder:
             raise PlanningError("The present position is not known: wait until the place in the map is found.")
         near = self._index.nearest(x_m, y_m, _BESIDE_M if beside_too else _TIE_M)
         if not near:
-            raise PlanningError("The PoI-graph has no edges: draw or propose them in the console first.")
+            raise PlanningError("This map has no ways yet: whoever looks after it must connect its places first.")
         limit_m = self.settings.max_start_distance_m
         if near[0].point.distance_m > limit_m:
             raise PlanningError(

@@ -313,6 +313,23 @@ def test_a_turn_round_something_is_left_after_several_free_frames_as_well():
     assert actions == [Action.TURN, Action.TURN, Action.WALK]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_turn_to_a_free_direction_is_made_to_its_end_though_the_direction_comes_and_goes(side: float):
+    """Told to turn, to stop and to turn with every tremble of the pose, somebody stood for good beside a box."""
+    low, high = sorted((side * 0.1, side * 1.5))
+    aside = decide(at(2.0), seen(at(2.0), box(2.75, low, 3.2, high)))
+    assert (aside.action, aside.trace.turn) == (Action.TURN, TurnKind.ASIDE)
+    assert aside.direction is not None
+    turned_deg, nothing_free = math.degrees(aside.direction), box(2.75, -3.0, 3.2, 3.0)
+    half_way, done = (at(2.0, heading_deg=share * turned_deg, stamp_s=0.1) for share in (0.5, 0.95))
+    goes_on = decide(half_way, seen(half_way, nothing_free), aside)
+    assert (goes_on.action, goes_on.trace.turn) == (Action.TURN, TurnKind.ASIDE)
+    assert math.degrees(goes_on.direction or 0.0) == pytest.approx(0.5 * turned_deg)
+    ended = decide(done, seen(done, nothing_free), goes_on)
+    assert ended.trace.turn is not TurnKind.ASIDE
+    assert ended.action is not Action.WALK
+
+
 def test_nobody_who_still_walks_is_led_where_less_than_the_clearance_is_free():
     """In a corridor whose end is near to the side, only somebody who stands may begin to walk with less than δ."""
     before, here = walking_at(0.8)

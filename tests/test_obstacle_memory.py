@@ -90,6 +90,15 @@ def test_something_low_that_no_image_can_show_is_in_the_way_however_long_the_wal
     assert is_in_the_way(memory, image, pose)
 
 
+def test_the_edges_of_something_low_are_seen_less_often_and_remembered_for_as_long() -> None:
+    """Half of a box forgotten, somebody was led by what was left of it, and brushed the other half."""
+    cell = np.array([[25, 0], [25, 1], [25, 2], [25, 3], [24, -2], [25, -1]])
+    memory = ObstacleMemory(cell, np.full(6, 0.3), np.zeros(6), np.array([10, 3, 2, 5, 2, 1]))
+    image, pose = seen((), 1.9)
+    later = remember(memory, image, pose, 60.0)
+    assert {(25, 0), (25, 1), (25, 2), (24, -2)} == {(int(x), int(y)) for x, y in later.cell}
+
+
 def test_neither_a_gap_in_the_poses_nor_an_image_without_depth_lets_it_be_forgotten() -> None:
     memory = walked_up((LOW_BOX,), np.arange(0.0, 1.7, 0.1))
     image, pose = seen((LOW_BOX,), 1.9)

@@ -37,6 +37,8 @@ _LOW_FORGOTTEN_AFTER_S = 120.0
 however long they stand: it is in the way until they have stepped back and looked."""
 _STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
+_SAME_THING_CELLS = 2
+"""So near to a place where something low stands, what was seen at all is taken for its edge."""
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
@@ -190,6 +192,7 @@ def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_
     bearing_rad, range_m = seen_from(pose, memory.places_m)
     shown_m = _shown_m(scan, bearing_rad, range_m, memory.top_m)
     low, stands = memory.top_m < _LOW_M, memory.seen_count >= _STANDS_COUNT
+    stands |= _is_part(memory, low, stands)
     # What is unknown now (NaN) neither shows that anything has gone, nor that it is there.
     gone, is_shown = shown_m > range_m + _GONE_MARGIN_M, shown_m > range_m - _GONE_MARGIN_M
     memory = replace(memory, seen_s=np.where(low & stands & ~is_shown, now_s, memory.seen_s))
@@ -197,6 +200,15 @@ def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_
     patience_s[low & stands] = _LOW_FORGOTTEN_AFTER_S
     young = np.abs(now_s - memory.seen_s) <= patience_s
     return memory.kept(young & (range_m < _KEPT_WITHIN_M) & ~gone)
+
+
+def _is_part(memory: ObstacleMemory, low: NDArray[np.bool_], stands: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which places (k,) belong to something low that stands there: its edges are seen less often than it is."""
+    part = np.zeros(len(low), np.bool_)
+    edges = low & ~stands & (memory.seen_count >= _SEEN_TWICE)
+    away = np.abs(memory.cell.T[:, edges, None] - memory.cell.T[:, None, low & stands])
+    part[edges] = (away <= _SAME_THING_CELLS).all(axis=0).any(axis=1)
+    return part
 
 
 def _shown_m(scan: ObstacleScan, bearing_rad: FloatArray, range_m: FloatArray, top_m: FloatArray) -> FloatArray:

@@ -328,6 +328,9 @@ def test_a_turn_to_a_free_direction_is_made_to_its_end_though_the_direction_come
     ended = decide(done, seen(done, nothing_free), goes_on)
     assert ended.trace.turn is not TurnKind.ASIDE
     assert ended.action is not Action.WALK
+    beside_the_road = at(2.0, -0.8 * side, stamp_s=0.1)
+    elsewhere = decide(beside_the_road, seen(beside_the_road, nothing_free), aside)
+    assert elsewhere.trace.turn is TurnKind.ALONG, "the road leads to the other side by now"
 
 
 def test_nobody_who_still_walks_is_led_where_less_than_the_clearance_is_free():

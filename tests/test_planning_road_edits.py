@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from navcore.errors import InputError
 from navcore.planning import edits, road_edits
-from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.planning.road_edits import network_of, recorded_roads
 
 CORRIDOR = np.column_stack([np.linspace(0, 20, 201), np.zeros(201), np.full(201, 1.6)])
@@ -52,6 +52,17 @@ def test_a_drawn_line_begins_on_the_road_that_is_near_and_is_known_as_drawn() ->
     network = network_of(graph.roads)
     way = network.shortest_piece(network.nearest(14.0, 4.0), network.nearest(8.0, 6.0))
     assert way.length_m == pytest.approx(8.0, abs=0.3), "one can go on from the drawn line along the branch"
+
+
+def test_a_line_never_takes_the_identifier_of_another_whatever_an_import_has_called_them() -> None:
+    far = ((0.0, 20.0), (5.0, 20.0))
+    graph = PoiGraph(roads={key: msgspec.structs.replace(ROADS["r1"], id=key) for key in ("r999999999", "r1000000001")})
+    for count in (3, 4):
+        graph = road_edits.draw_road(graph, far)
+        assert len(graph.roads) == count
+    assert graph.roads["r1000000001"].points_m == ROADS["r1"].points_m
+    numbers = dict.fromkeys(("e999999999", "e1000000000"), Edge("", "a", "b", (), 0.0))
+    assert edits.free_edge_id(numbers) not in numbers
 
 
 def test_a_place_can_stand_on_a_drawn_line_and_be_joined_over_it() -> None:

@@ -10,7 +10,7 @@ import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import get_args
 
 import msgspec
@@ -284,8 +284,14 @@ def free_poi_id(graph: PoiGraph, name: str) -> str:
 
 def free_edge_id(edges: Mapping[str, Edge]) -> str:
     """Return an identifier that no edge has."""
-    numbers = [int(key[1:]) for key in edges if re.fullmatch(r"e[0-9]{1,9}", key)]
-    return f"e{max(numbers, default=0) + 1}"
+    return free_numbered_id("e", edges)
+
+
+def free_numbered_id(letter: str, taken: Collection[str]) -> str:
+    """Return a letter with the number after the highest one that is taken; longer numbers, of imports, are passed."""
+    numbers = [int(key[1:]) for key in taken if re.fullmatch(rf"{letter}[0-9]{{1,9}}", key)]
+    first = max(numbers, default=0) + 1
+    return next(key for key in (f"{letter}{n}" for n in itertools.count(first)) if key not in taken)
 
 
 def _next(graph: PoiGraph, pois: dict[str, Poi] | None = None, edges: dict[str, Edge] | None = None) -> PoiGraph:

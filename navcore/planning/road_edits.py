@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
@@ -16,7 +15,7 @@ import numpy as np
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import along_road
+from navcore.planning.edits import along_road, free_numbered_id
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road, RoadOrigin
 from navcore.planning.projection import arc_lengths_m, path_between, project_on_path
 from navcore.planning.road_network import RoadNetwork
@@ -213,8 +212,7 @@ def _road(graph: PoiGraph, road_id: str) -> Road:
 
 
 def _free_road_id(roads: Mapping[str, Road]) -> str:
-    numbers = [int(key[1:]) for key in roads if re.fullmatch(r"r[0-9]{1,9}", key)]
-    return f"r{max(numbers, default=0) + 1}"
+    return free_numbered_id("r", roads)
 
 
 def _as_road(road_id: str, path_m: FloatArray, origin: RoadOrigin) -> Road:

@@ -153,8 +153,7 @@ def _is_new_road(network: RoadNetwork, line: ForeignLine, unused: list[str]) -> 
     except InputError as error:
         unused.append(f"{line.label}: {error}")
         return False
-    even = evenly_spaced(np.array(points), _STEP_M).tolist()
-    return network.is_empty or any(network.nearest(x_m, y_m).distance_m > SAME_ROAD_M for x_m, y_m in even)
+    return bool((network.distances_m(evenly_spaced(np.array(points), _STEP_M)) > SAME_ROAD_M).any())
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

@@ -76,7 +76,7 @@ def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], 
 
 
 def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
-    return not network.is_empty and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in points_m)
+    return bool((network.distances_m(np.array(points_m)) < _SAME_ROAD_M).all())
 
 
 # ---------------------------------------------------------------------------------------------------------- edits

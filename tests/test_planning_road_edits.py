@@ -93,6 +93,7 @@ def test_trimming_keeps_what_lies_between_two_places() -> None:
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (0.0, 0.1)]), "longer line"),
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (math.nan, 0.1)]), "points in metres"),
         (lambda g: road_edits.draw_road(g, [(float(i), 9.0) for i in range(5001)]), "in pieces"),
+        (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (90_000.0, 0.0)] * 2500), "too long for a road"),
     ],
 )
 def test_what_is_refused_says_why_and_what_to_do(edit, words: str) -> None:
@@ -101,6 +102,22 @@ def test_what_is_refused_says_why_and_what_to_do(edit, words: str) -> None:
     with pytest.raises(InputError, match=words):
         edit(graph)
     assert msgspec.json.encode(graph) == before
+
+
+def test_roads_do_not_grow_without_end_but_what_is_there_already_can_be_edited() -> None:
+    walk = np.array([[0.0, 0.0], [300.0, 0.0]])
+    graph = PoiGraph(roads=recorded_roads([walk] * 134))
+    with pytest.raises(InputError, match=r"All roads together would be 40\.3 km"):
+        road_edits.draw_road(graph, [(0.0, -10.0), (100.0, -10.0)])
+    cut = road_edits.trim_road(graph, "r1", (0.0, 0.0), (240.0, 0.0))
+    assert length_m(cut, "r1") == pytest.approx(240.0)
+
+
+def test_a_long_walk_can_be_trimmed_and_smoothed_though_nobody_may_draw_as_much_at_once() -> None:
+    swaying = np.column_stack([np.arange(0.0, 2200.0, 0.4), np.tile([0.0, 0.1], 2750)])
+    graph = road_edits.smooth_road(PoiGraph(roads=recorded_roads([swaying])), "r1")
+    cut = road_edits.trim_road(graph, "r1", (0.0, 0.0), (2100.0, 0.0))
+    assert length_m(cut, "r1") == pytest.approx(2100.0, abs=10.0)
 
 
 def test_a_connection_that_would_go_another_way_is_not_led_there_in_silence() -> None:

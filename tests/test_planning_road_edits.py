@@ -211,6 +211,31 @@ def test_merging_two_places_leads_their_edges_to_the_one_that_stays() -> None:
         edits.merge_pois(graph, network_of(ROADS), "a", "a")
 
 
+@pytest.mark.parametrize(
+    ("setting", "what"),
+    [
+        ({"closed": True}, "being closed"),
+        ({"one_way": True}, "the direction"),
+        ({"caution_side": "left"}, "the side of caution"),
+    ],
+)
+def test_merging_loses_nothing_that_keeps_a_walker_from_harm(setting: dict, what: str) -> None:
+    network = network_of(ROADS)
+    graph = edits.add_edge(graph_with(("A", 2, 0), ("C", 12, 0), ("C again", 13, 0)), network, "c", "a")
+    graph = edits.add_edge(graph, network, "a", "c-again")
+    differing = edits.set_edge(graph, "e1", **setting)
+    with pytest.raises(InputError, match=f"C again and C are both joined to A, .* in {what}: make them alike"):
+        edits.merge_pois(differing, network, "c-again", "c")
+    same = edits.set_edge(differing, "e2", **setting)
+    # The two lead opposite ways, so that the same words mean opposite directions and sides; being closed has none.
+    if "closed" not in setting:
+        with pytest.raises(InputError, match=what):
+            edits.merge_pois(same, network, "c-again", "c")
+        same = edits.set_edge(differing, "e2", **setting, turned=True)
+    merged = edits.merge_pois(same, network, "c-again", "c")
+    assert list(merged.edges) == ["e2"]
+
+
 def test_a_place_on_an_edge_makes_two_edges_that_are_walked_alike() -> None:
     graph = joined(("A", 2, 0), ("C", 12, 0))
     graph = edits.set_edge(graph, "e1", one_way=True, width_m=0.9, caution_side="left", cost_multiplier=3.0)

@@ -19,7 +19,7 @@ from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
 from navcore.planning import edits
 from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
-from navcore.planning.road_edits import checked_line, draw_roads, network_of, without_road
+from navcore.planning.road_edits import MAX_ROADS_LENGTH_M, checked_line, draw_roads, network_of, without_road
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.road_network import RoadNetwork
 
@@ -28,8 +28,8 @@ MAX_POINT_COUNT = 400_000
 """Forty kilometres of road with a point every 0.1 m; looked at before anything is read, for each takes memory."""
 MAX_FOREIGN_COUNT = 3000
 """Places, lines and links of a file of another program: each is an edit of its own."""
-MAX_FOREIGN_LENGTH_M, MAX_ROAD_LENGTH_M = 10_000.0, 40_000.0
-"""All lines of a file of another program, all roads of our own: they are walked through to find where they join."""
+MAX_FOREIGN_LENGTH_M = 10_000.0
+"""All lines of a file of another program: they are walked through to find where they join."""
 END_DISTANCE_M = 0.5
 """A line that ends so near to a place is meant to end at it."""
 SAME_ROAD_M = 0.25
@@ -101,7 +101,7 @@ def read_graph(data: bytes) -> PoiGraph | ForeignMap:
 
 def _refuse_too_much(found: PoiGraph | ForeignMap) -> None:
     if isinstance(found, PoiGraph):
-        lines, longest_m = [road.points_m for road in found.roads.values()], MAX_ROAD_LENGTH_M
+        lines, longest_m = [road.points_m for road in found.roads.values()], MAX_ROADS_LENGTH_M
     else:
         lines, longest_m = [line.points_m for line in found.lines], MAX_FOREIGN_LENGTH_M
         if len(found.places) + len(found.lines) + len(found.links) > MAX_FOREIGN_COUNT:
@@ -153,8 +153,7 @@ def _is_new_road(network: RoadNetwork, line: ForeignLine, unused: list[str]) -> 
     except InputError as error:
         unused.append(f"{line.label}: {error}")
         return False
-    even = evenly_spaced(np.array(points), _STEP_M).tolist()
-    return network.is_empty or any(network.nearest(x_m, y_m).distance_m > SAME_ROAD_M for x_m, y_m in even)
+    return bool((network.distances_m(evenly_spaced(np.array(points), _STEP_M)) > SAME_ROAD_M).any())
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

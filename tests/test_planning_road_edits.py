@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from navcore.errors import InputError
 from navcore.planning import edits, road_edits
-from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.planning.road_edits import network_of, recorded_roads
 
 CORRIDOR = np.column_stack([np.linspace(0, 20, 201), np.zeros(201), np.full(201, 1.6)])
@@ -54,6 +54,17 @@ def test_a_drawn_line_begins_on_the_road_that_is_near_and_is_known_as_drawn() ->
     assert way.length_m == pytest.approx(8.0, abs=0.3), "one can go on from the drawn line along the branch"
 
 
+def test_a_line_never_takes_the_identifier_of_another_whatever_an_import_has_called_them() -> None:
+    far = ((0.0, 20.0), (5.0, 20.0))
+    graph = PoiGraph(roads={key: msgspec.structs.replace(ROADS["r1"], id=key) for key in ("r999999999", "r1000000001")})
+    for count in (3, 4):
+        graph = road_edits.draw_road(graph, far)
+        assert len(graph.roads) == count
+    assert graph.roads["r1000000001"].points_m == ROADS["r1"].points_m
+    numbers = dict.fromkeys(("e999999999", "e1000000000"), Edge("", "a", "b", (), 0.0))
+    assert edits.free_edge_id(numbers) not in numbers
+
+
 def test_a_place_can_stand_on_a_drawn_line_and_be_joined_over_it() -> None:
     graph = road_edits.draw_road(graph_with(("Hall", 2, 0)), [(20.0, 0.0), (21.5, 0.0)])
     network = network_of(graph.roads)
@@ -82,6 +93,7 @@ def test_trimming_keeps_what_lies_between_two_places() -> None:
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (0.0, 0.1)]), "longer line"),
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (math.nan, 0.1)]), "points in metres"),
         (lambda g: road_edits.draw_road(g, [(float(i), 9.0) for i in range(5001)]), "in pieces"),
+        (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (90_000.0, 0.0)] * 2500), "too long for a road"),
     ],
 )
 def test_what_is_refused_says_why_and_what_to_do(edit, words: str) -> None:
@@ -90,6 +102,22 @@ def test_what_is_refused_says_why_and_what_to_do(edit, words: str) -> None:
     with pytest.raises(InputError, match=words):
         edit(graph)
     assert msgspec.json.encode(graph) == before
+
+
+def test_roads_do_not_grow_without_end_but_what_is_there_already_can_be_edited() -> None:
+    walk = np.array([[0.0, 0.0], [300.0, 0.0]])
+    graph = PoiGraph(roads=recorded_roads([walk] * 134))
+    with pytest.raises(InputError, match=r"All roads together would be 40\.3 km"):
+        road_edits.draw_road(graph, [(0.0, -10.0), (100.0, -10.0)])
+    cut = road_edits.trim_road(graph, "r1", (0.0, 0.0), (240.0, 0.0))
+    assert length_m(cut, "r1") == pytest.approx(240.0)
+
+
+def test_a_long_walk_can_be_trimmed_and_smoothed_though_nobody_may_draw_as_much_at_once() -> None:
+    swaying = np.column_stack([np.arange(0.0, 2200.0, 0.4), np.tile([0.0, 0.1], 2750)])
+    graph = road_edits.smooth_road(PoiGraph(roads=recorded_roads([swaying])), "r1")
+    cut = road_edits.trim_road(graph, "r1", (0.0, 0.0), (2100.0, 0.0))
+    assert length_m(cut, "r1") == pytest.approx(2100.0, abs=10.0)
 
 
 def test_a_connection_that_would_go_another_way_is_not_led_there_in_silence() -> None:
@@ -181,6 +209,31 @@ def test_merging_two_places_leads_their_edges_to_the_one_that_stays() -> None:
     assert edits.edge_between(merged, "a", "c-again").closed  # type: ignore[union-attr]
     with pytest.raises(InputError, match="two different places"):
         edits.merge_pois(graph, network_of(ROADS), "a", "a")
+
+
+@pytest.mark.parametrize(
+    ("setting", "what"),
+    [
+        ({"closed": True}, "being closed"),
+        ({"one_way": True}, "the direction"),
+        ({"caution_side": "left"}, "the side of caution"),
+    ],
+)
+def test_merging_loses_nothing_that_keeps_a_walker_from_harm(setting: dict, what: str) -> None:
+    network = network_of(ROADS)
+    graph = edits.add_edge(graph_with(("A", 2, 0), ("C", 12, 0), ("C again", 13, 0)), network, "c", "a")
+    graph = edits.add_edge(graph, network, "a", "c-again")
+    differing = edits.set_edge(graph, "e1", **setting)
+    with pytest.raises(InputError, match=f"C again and C are both joined to A, .* in {what}: make them alike"):
+        edits.merge_pois(differing, network, "c-again", "c")
+    same = edits.set_edge(differing, "e2", **setting)
+    # The two lead opposite ways, so that the same words mean opposite directions and sides; being closed has none.
+    if "closed" not in setting:
+        with pytest.raises(InputError, match=what):
+            edits.merge_pois(same, network, "c-again", "c")
+        same = edits.set_edge(differing, "e2", **setting, turned=True)
+    merged = edits.merge_pois(same, network, "c-again", "c")
+    assert list(merged.edges) == ["e2"]
 
 
 def test_a_place_on_an_edge_makes_two_edges_that_are_walked_alike() -> None:

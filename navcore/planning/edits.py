@@ -10,7 +10,7 @@ import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import get_args
 
 import msgspec
@@ -102,20 +102,24 @@ def merge_pois(graph: PoiGraph, network: RoadNetwork, poi_id: str, other_id: str
     """Make one place of two: ``other_id`` goes, its edges lead to ``poi_id``, which stays as it is.
 
     An edge between the two goes as well, and of two edges to the same place the one that ``poi_id`` had stays.
-    Raises InputError where one is unknown, or an edge cannot follow.
+    Raises InputError where one is unknown, an edge cannot follow, or two edges to the same place differ in whether
+    they are closed, in the direction in which they may be walked, or in the side of caution.
     """
     if _poi(graph, poi_id) is _poi(graph, other_id):
         raise InputError(f"Merging takes two different places, not {graph.pois[poi_id].name} twice.")
     pois = {key: poi for key, poi in graph.pois.items() if key != other_id}
     edges = {key: edge for key, edge in graph.edges.items() if other_id not in (edge.a, edge.b)}
-    joined = {frozenset((edge.a, edge.b)) for edge in edges.values()}
+    kept = {frozenset((edge.a, edge.b)): edge for edge in edges.values()}
     for edge in graph.edges.values():
         ends = {poi_id if end == other_id else end: None for end in (edge.a, edge.b)}
-        if other_id not in (edge.a, edge.b) or len(ends) < 2 or frozenset(ends) in joined:
+        if other_id not in (edge.a, edge.b) or len(ends) < 2:
             continue
         a, b = ends
-        edges[edge.id] = along_road(network, pois, msgspec.structs.replace(edge, a=a, b=b))
-        joined.add(frozenset(ends))
+        led = msgspec.structs.replace(edge, a=a, b=b)
+        if frozenset(ends) in kept:
+            _refuse_differing(graph, kept[frozenset(ends)], led, (poi_id, other_id))
+        else:
+            edges[edge.id] = along_road(network, pois, led)
     return _next(graph, pois=pois, edges=edges)
 
 
@@ -284,14 +288,40 @@ def free_poi_id(graph: PoiGraph, name: str) -> str:
 
 def free_edge_id(edges: Mapping[str, Edge]) -> str:
     """Return an identifier that no edge has."""
-    numbers = [int(key[1:]) for key in edges if re.fullmatch(r"e[0-9]{1,9}", key)]
-    return f"e{max(numbers, default=0) + 1}"
+    return free_numbered_id("e", edges)
+
+
+def free_numbered_id(letter: str, taken: Collection[str]) -> str:
+    """Return a letter with the number after the highest one that is taken; longer numbers, of imports, are passed."""
+    numbers = [int(key[1:]) for key in taken if re.fullmatch(rf"{letter}[0-9]{{1,9}}", key)]
+    first = max(numbers, default=0) + 1
+    return next(key for key in (f"{letter}{n}" for n in itertools.count(first)) if key not in taken)
 
 
 def _next(graph: PoiGraph, pois: dict[str, Poi] | None = None, edges: dict[str, Edge] | None = None) -> PoiGraph:
     return PoiGraph(
         graph.version + 1, graph.pois if pois is None else pois, graph.edges if edges is None else edges, graph.roads
     )
+
+
+def _refuse_differing(graph: PoiGraph, kept: Edge, going: Edge, merged: tuple[str, str]) -> None:
+    alike = going if going.a == kept.a else _turned(going)
+    differing = [
+        what
+        for what, is_other in (
+            ("being closed", kept.closed != going.closed),
+            ("the direction", kept.one_way != going.one_way or (kept.one_way and going.a != kept.a)),
+            ("the side of caution", kept.caution_side != alike.caution_side),
+        )
+        if is_other
+    ]
+    if differing:
+        third = kept.b if kept.a == merged[0] else kept.a
+        first, other, joined = (graph.pois[key].name for key in (*merged, third))
+        raise InputError(
+            f"{first} and {other} are both joined to {joined}, and these connections differ in"
+            f" {' and '.join(differing)}: make them alike, or delete one of them first."
+        )
 
 
 def _turned(edge: Edge) -> Edge:

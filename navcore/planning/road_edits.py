@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 from collections.abc import Iterable, Mapping, Sequence
 
 import msgspec
@@ -16,7 +15,7 @@ import numpy as np
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import along_road
+from navcore.planning.edits import along_road, free_numbered_id
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road, RoadOrigin
 from navcore.planning.projection import arc_lengths_m, path_between, project_on_path
 from navcore.planning.road_network import RoadNetwork
@@ -28,7 +27,9 @@ MAX_JOIN_M = 2.0
 MEET_M = 0.5
 """The end of a drawn line that is nearer than this to a road begins on it: passes so near are one road."""
 MAX_POINTS_COUNT = 5000
-MIN_LENGTH_M = 0.3
+MIN_LENGTH_M, MAX_LENGTH_M = 0.3, 2000.0
+MAX_ROADS_LENGTH_M = 40_000.0
+"""All roads of a graph together: each edit walks through them to find where they join."""
 _SAME_ROAD_M = 0.05
 _LONGER_SHARE, _LONGER_M = 1.5, 1.0
 _SMOOTHING_STEP_M = 0.1
@@ -79,26 +80,26 @@ def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], 
 
 
 def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
-    return not network.is_empty and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in points_m)
+    return bool((network.distances_m(np.array(points_m)) < _SAME_ROAD_M).all())
 
 
 # ---------------------------------------------------------------------------------------------------------- edits
 def draw_road(graph: PoiGraph, points_m: Sequence[Point]) -> PoiGraph:
     """Draw a line where nobody walked; where an end of it lies near a road, it begins there.
 
-    Raises InputError for a line that is too short, or is no line.
+    Raises InputError for a line that is too short or too long, or is no line.
     """
     return draw_roads(graph, [points_m])
 
 
 def draw_roads(graph: PoiGraph, lines_m: Sequence[Sequence[Point]]) -> PoiGraph:
     """Draw several lines as one edit: what is on the road is put back on it once. Raises InputError."""
+    lines = [checked_line(points_m) for points_m in lines_m]
     network = network_of(graph.roads)
     roads = dict(graph.roads)
-    for points_m in lines_m:
-        line = checked_line(points_m)
+    for line in lines:
         if not network.is_empty:
-            line = checked_line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
+            line = _line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
         road_id = _free_road_id(roads)
         roads[road_id] = Road(road_id, line, "drawn")
     return _with_roads(graph, roads)
@@ -174,10 +175,20 @@ def _with_road(graph: PoiGraph, road: Road, path_m: FloatArray) -> PoiGraph:
 
 
 def _with_roads(graph: PoiGraph, roads: dict[str, Road]) -> PoiGraph:
+    _refuse_too_long(roads, graph.roads)
     network = network_of(roads)
     pois = {key: _put_back(poi, network) for key, poi in graph.pois.items()}
     edges = {key: _laid_again(edge, graph, pois, network) for key, edge in graph.edges.items()}
     return PoiGraph(graph.version + 1, pois, edges, roads)
+
+
+def _refuse_too_long(roads: Mapping[str, Road], before: Mapping[str, Road]) -> None:
+    total_m = roads_length_m(roads.values())
+    if total_m > max(MAX_ROADS_LENGTH_M, roads_length_m(before.values())):
+        raise InputError(
+            f"All roads together would be {total_m / 1000:.1f} km long, and {MAX_ROADS_LENGTH_M / 1000:g} km are taken:"
+            " delete or trim roads that nobody walks."
+        )
 
 
 def _put_back(poi: Poi, network: RoadNetwork) -> Poi:
@@ -215,24 +226,45 @@ def _road(graph: PoiGraph, road_id: str) -> Road:
 
 
 def _free_road_id(roads: Mapping[str, Road]) -> str:
-    numbers = [int(key[1:]) for key in roads if re.fullmatch(r"r[0-9]{1,9}", key)]
-    return f"r{max(numbers, default=0) + 1}"
+    return free_numbered_id("r", roads)
 
 
 def _as_road(road_id: str, path_m: FloatArray, origin: RoadOrigin) -> Road:
-    return Road(road_id, checked_line([(float(x), float(y)) for x, y in path_m]), origin)
+    return Road(road_id, _line([(float(x), float(y)) for x, y in path_m]), origin)
 
 
 def checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
-    """Return points as a road has them. Raises InputError where they are too many, too few, or nowhere."""
+    """Return points that somebody draws as a road has them.
+
+    Raises InputError where they are too many, too few or nowhere, or the line is too long.
+    """
     if len(points_m) > MAX_POINTS_COUNT:
         raise InputError(f"A road may have {MAX_POINTS_COUNT} points, not {len(points_m)}: draw it in pieces.")
     if not all(math.isfinite(part) and abs(part) <= 100_000.0 for point in points_m for part in point):
         raise InputError("A road needs points in metres, within 100 km of the origin.")
+    length_m = _length_m(points_m)
+    if length_m > MAX_LENGTH_M:
+        raise InputError(
+            f"A line of {length_m / 1000:.1f} km is too long for a road: draw it in pieces of {MAX_LENGTH_M / 1000:g}"
+            " km at most."
+        )
+    return _line(points_m)
+
+
+def roads_length_m(roads: Iterable[Road]) -> float:
+    """Return the length of all these roads together."""
+    return sum(_length_m(road.points_m) for road in roads)
+
+
+def _line(points_m: Sequence[Point]) -> tuple[Point, ...]:
     line = _distinct(points_m)
-    if len(line) < 2 or sum(itertools.starmap(math.dist, itertools.pairwise(line))) < MIN_LENGTH_M:
+    if len(line) < 2 or _length_m(line) < MIN_LENGTH_M:
         raise InputError(f"A road must be at least {MIN_LENGTH_M:g} m long: draw a longer line.")
     return line
+
+
+def _length_m(points_m: Sequence[Point]) -> float:
+    return sum(itertools.starmap(math.dist, itertools.pairwise(points_m)))
 
 
 def _distinct(points_m: Sequence[Point]) -> tuple[Point, ...]:

@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -141,6 +141,23 @@ class RoadNetwork:
         x, y = float(points[best, 0]), float(points[best, 1])
         return RoadPoint(x, y, int(candidates[best]), float(fraction[best]), math.hypot(x - x_m, y - y_m))
 
+    def distances_m(self, points_m: FloatArray) -> FloatArray:
+        """Return how far from the road each of some places (n, 2) lies (n,); inf where there is no road."""
+        if self.is_empty or len(points_m) == 0:
+            return np.full(len(points_m), np.inf)
+        middle_distances_m, _ = self._middles.query(points_m)
+        # The nearest segment cannot have its middle farther than this.
+        reach_m = middle_distances_m + self._longest_segment_m / 2 + 1e-9
+        near = cast("list[list[int]]", self._middles.query_ball_point(points_m, reach_m))
+        counts = np.fromiter(map(len, near), dtype=np.int64, count=len(near))
+        candidates = np.fromiter(itertools.chain.from_iterable(near), dtype=np.int64, count=int(counts.sum()))
+        places = np.repeat(points_m, counts, axis=0)
+        start, along = self.vertices_m[self.segments[candidates, 0]], self._steps_m[candidates]
+        fraction = np.clip(((places - start) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
+        distances = np.hypot(*(start + fraction[:, None] * along - places).T)
+        nearest: FloatArray = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
+        return nearest
+
     def shortest_piece(self, a: RoadPoint, b: RoadPoint) -> RoadPiece:
         """Return the shortest way along the road from a to b. Raises PlanningError where no road joins them."""
         if a.segment == b.segment:
@@ -196,9 +213,14 @@ class RoadNetwork:
 
     @cached_property
     def _segment_lengths_m(self) -> FloatArray:
-        ends = self.vertices_m[self.segments]
-        lengths: FloatArray = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+        lengths: FloatArray = np.hypot(*self._steps_m.T)
         return lengths
+
+    @cached_property
+    def _steps_m(self) -> FloatArray:
+        """From the first to the second end of each segment (m, 2)."""
+        steps: FloatArray = self.vertices_m[self.segments[:, 1]] - self.vertices_m[self.segments[:, 0]]
+        return steps
 
     @cached_property
     def _longest_segment_m(self) -> float:
@@ -207,6 +229,10 @@ class RoadNetwork:
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.vertices_m)
+
+    @cached_property
+    def _middles(self) -> cKDTree:
+        return cKDTree(self.vertices_m[self.segments].mean(axis=1))
 
     @cached_property
     def _segments_at(self) -> list[IndexArray]:

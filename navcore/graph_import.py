@@ -76,10 +76,10 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
 
 
 def _notes(graph: PoiGraph) -> tuple[str, ...]:
-    off_road = without_road(graph, network_of(graph.roads), graph.pois, ())
+    off_road = without_road(graph, network_of(graph.roads), graph.pois, graph.edges)
     if off_road is None:
         return ()
-    return (f"{off_road} stands on no road here, and others may: see whether the file is of this site.",)
+    return (f"{off_road} lies on no road here, and others may: see whether the file is of this site.",)
 
 
 def read_graph(data: bytes) -> PoiGraph | ForeignMap:

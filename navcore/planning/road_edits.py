@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import msgspec
 import numpy as np
@@ -49,7 +49,13 @@ def recorded_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
 
 def network_of(roads: Mapping[str, Road]) -> RoadNetwork:
     """Return the network that the roads of a graph make."""
-    return RoadNetwork.from_roads([np.array(road.points_m) for road in roads.values()])
+    return _network_of(tuple(roads.values()))
+
+
+# The roads before an edit, those after it, and one more that somebody else looks at.
+@lru_cache(maxsize=3)
+def _network_of(roads: tuple[Road, ...]) -> RoadNetwork:
+    return RoadNetwork.from_roads([np.array(road.points_m) for road in roads])
 
 
 def drawn_lines_m(graph: PoiGraph) -> list[FloatArray]:

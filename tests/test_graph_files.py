@@ -143,6 +143,11 @@ def test_whoever_brings_a_file_is_told_what_to_look_at() -> None:
     assert notes[0].startswith("Hall – Bar lies on no road here")
 
 
+def test_roads_too_far_apart_to_be_one_site_are_not_taken() -> None:
+    far = {**GRAPH.roads, "r2": Road("r2", ((5000.0, 5000.0), (5003.0, 5000.0)))}
+    assert "a site of its own" in refusal(file_of("geojson", msgspec.structs.replace(GRAPH, roads=far)))
+
+
 def test_the_same_file_again_changes_nothing() -> None:
     data = geojson(point("Lift", 10.0, 0.0), line("Way", (10.0, 0.0), (10.0, 8.0)))
     first = imported(data, DRAFT).graph

@@ -95,6 +95,7 @@ def test_trimming_keeps_what_lies_between_two_places() -> None:
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (math.nan, 0.1)]), "points in metres"),
         (lambda g: road_edits.draw_road(g, [(float(i), 9.0) for i in range(5001)]), "in pieces"),
         (lambda g: road_edits.draw_road(g, [(0.0, 0.0), (90_000.0, 0.0)] * 2500), "too long for a road"),
+        (lambda g: road_edits.draw_road(g, [(9_000.0, 9_000.0), (9_003.0, 9_000.0)]), "site of its own"),
     ],
 )
 def test_what_is_refused_says_why_and_what_to_do(edit, words: str) -> None:

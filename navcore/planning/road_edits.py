@@ -34,6 +34,8 @@ MAX_POINTS_COUNT = 5000
 MIN_LENGTH_M, MAX_LENGTH_M = 0.3, 2000.0
 MAX_ROADS_LENGTH_M = 40_000.0
 """All roads of a graph together: each edit walks through them to find where they join."""
+MAX_SPAN_M2 = 600_000.0
+"""The rectangle round all roads: in a larger one the cells in which roads are joined grow beyond 0.1 m."""
 _SAME_ROAD_M = 0.05
 _SMOOTHING_STEP_M = 0.1
 
@@ -228,6 +230,7 @@ class _Change:
 
 def _with_roads(graph: PoiGraph, roads: dict[str, Road]) -> PoiGraph:
     _refuse_too_long(roads, graph.roads)
+    refuse_too_wide(roads, graph.roads)
     change = _Change(graph.roads, network_of(roads))
     pois = {key: _put_back(poi, change) for key, poi in graph.pois.items()}
     edges = {key: _laid_again(edge, graph, pois, change) for key, edge in graph.edges.items()}
@@ -241,6 +244,25 @@ def _refuse_too_long(roads: Mapping[str, Road], before: Mapping[str, Road]) -> N
             f"All roads together would be {total_m / 1000:.1f} km long, and {MAX_ROADS_LENGTH_M / 1000:g} km are taken:"
             " delete or trim roads that nobody walks."
         )
+
+
+def refuse_too_wide(roads: Mapping[str, Road], before: Mapping[str, Road]) -> None:
+    """Raise InputError where roads lie so far apart that they are no one site, and did not ``before``."""
+    width_m, height_m = _span_m(roads)
+    if width_m * height_m > max(MAX_SPAN_M2, math.prod(_span_m(before))):
+        raise InputError(
+            f"The roads would lie on {width_m:.0f} by {height_m:.0f} m, and {MAX_SPAN_M2 / 10_000:g} hectares are"
+            " taken: keep to what lies near the other roads, and make a site of its own of what lies far away."
+        )
+
+
+def _span_m(roads: Mapping[str, Road]) -> Point:
+    """Sides of the rectangle round all roads, and the margin that joining them takes."""
+    points = [point for road in roads.values() for point in road.points_m]
+    if not points:
+        return 0.0, 0.0
+    xs, ys = zip(*points, strict=True)
+    return max(xs) - min(xs) + 1.0, max(ys) - min(ys) + 1.0
 
 
 def _put_back(poi: Poi, change: _Change) -> Poi:

@@ -71,9 +71,9 @@ def _without_slivers(band: Mask, radius_px: float) -> Mask:
     if outside <= 2:
         return band
     depth_px = cv2.distanceTransform((1 - band).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    deepest = np.zeros(outside, dtype=np.float32)
-    np.maximum.at(deepest, np.asarray(labels, dtype=np.int64).ravel(), np.asarray(depth_px).ravel())
-    filled: Mask = (band.astype(bool) | (deepest[labels] <= radius_px)).astype(np.uint8)
+    is_deep = np.zeros(outside, dtype=bool)
+    is_deep[labels[depth_px > radius_px]] = True
+    filled: Mask = (band.astype(bool) | ~is_deep[labels]).astype(np.uint8)
     return filled
 
 

@@ -28,7 +28,7 @@ from console.graph_log import OWN_KINDS, EntryKind, GraphLog, LogEntry, Publicat
 from navcore.errors import VbrError
 from navcore.planning.edits import validate
 from navcore.planning.poi_graph import PoiGraph, Road
-from navcore.planning.road_edits import network_of, recorded_roads, without_road
+from navcore.planning.road_edits import network_of, newly_without_road, recorded_roads
 from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, save_poi_graph
 
@@ -333,9 +333,9 @@ class SiteModel:
 
     def _refuse_off_road(self, changed: PoiGraph, delta: GraphDelta) -> None:
         """What comes back, or stands where a road goes, must have its road."""
-        network = self._network_of(changed)
+        before, after = self._network_of(self._graph), self._network_of(changed)
         pois, edges = (changed.pois, changed.edges) if delta.roads else (delta.pois, delta.edges)
-        if (name := without_road(changed, network, pois, edges)) is not None:
+        if (name := newly_without_road(self._graph, changed, before, after, pois, edges)) is not None:
             raise ConflictError(f"{name} would be left without a road, which was changed meanwhile: change it by hand.")
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:

@@ -19,7 +19,14 @@ from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
 from navcore.planning import edits
 from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
-from navcore.planning.road_edits import MAX_ROADS_LENGTH_M, checked_line, draw_roads, network_of, without_road
+from navcore.planning.road_edits import (
+    MAX_ROADS_LENGTH_M,
+    checked_line,
+    draw_roads,
+    network_of,
+    refuse_too_wide,
+    without_road,
+)
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.road_network import RoadNetwork
 
@@ -65,6 +72,7 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
     _refuse_too_much(found)
     if isinstance(found, PoiGraph):
         graph = msgspec.structs.replace(found, roads=found.roads or draft.roads)
+        refuse_too_wide(graph.roads, draft.roads)
         unused: tuple[str, ...] = ()
         notes = _notes(graph)
     else:
@@ -76,10 +84,10 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
 
 
 def _notes(graph: PoiGraph) -> tuple[str, ...]:
-    off_road = without_road(graph, network_of(graph.roads), graph.pois, ())
+    off_road = without_road(graph, network_of(graph.roads), graph.pois, graph.edges)
     if off_road is None:
         return ()
-    return (f"{off_road} stands on no road here, and others may: see whether the file is of this site.",)
+    return (f"{off_road} lies on no road here, and others may: see whether the file is of this site.",)
 
 
 def read_graph(data: bytes) -> PoiGraph | ForeignMap:

@@ -14,8 +14,8 @@ from scipy.spatial import cKDTree
 
 from navcore.geometry import FloatArray
 from navcore.planning.projection import arc_lengths_m, path_between, project_on_path
+from navcore.planning.road_joining import SPACING_M, evenly_spaced
 
-_SPACING_M = 0.1
 _SHORTEST_M = 0.05
 _SLANTED_M = 1.5
 """A line that runs along a road for less than this, up to its own end, is not taken for that road."""
@@ -38,15 +38,15 @@ def with_drawn(
 
 
 def _with_one(lines: list[FloatArray], drawn: FloatArray, merge_distance_m: float) -> list[FloatArray]:
-    line = _evenly(drawn)
+    line = evenly_spaced(drawn, SPACING_M)
     if not lines:
         return [line]
-    distance_m = np.asarray(cKDTree(np.vstack([_evenly(each) for each in lines])).query(line)[0])
+    distance_m = np.asarray(cKDTree(np.vstack([evenly_spaced(each, SPACING_M) for each in lines])).query(line)[0])
     apart: NDArray[np.bool_] = np.greater(distance_m, merge_distance_m)
     for first, last in _runs(apart):
         # Whoever draws a line that ends on a road at a slant means the line, to its end.
-        first = 0 if first * _SPACING_M < _SLANTED_M else first
-        last = len(line) - 1 if (len(line) - 1 - last) * _SPACING_M < _SLANTED_M else last
+        first = 0 if first * SPACING_M < _SLANTED_M else first
+        last = len(line) - 1 if (len(line) - 1 - last) * SPACING_M < _SLANTED_M else last
         piece = line[first : last + 1]
         if first > 0 or not apart[0]:
             lines, meets = _met(lines, piece[0])
@@ -83,12 +83,3 @@ def _runs(which: NDArray[np.bool_]) -> list[tuple[int, int]]:
     """Return the first and last index of each unbroken run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], which, [False]]).astype(np.int8)))
     return [(int(first), int(end) - 1) for first, end in zip(edges[::2], edges[1::2], strict=True)]
-
-
-def _evenly(line_m: FloatArray) -> FloatArray:
-    """Return a polyline with points about 0.1 m apart; its own ends stay as they are."""
-    arcs_m = arc_lengths_m(line_m)
-    at_m = np.linspace(0.0, float(arcs_m[-1]), max(2, round(float(arcs_m[-1]) / _SPACING_M) + 1))
-    even = np.column_stack([np.interp(at_m, arcs_m, line_m[:, axis]) for axis in (0, 1)])
-    even[0], even[-1] = line_m[0], line_m[-1]
-    return even

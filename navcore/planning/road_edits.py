@@ -1,24 +1,28 @@
 """Edits of the road itself: each takes a graph with its roads and gives a new one, one version on, or raises.
 
-PoIs and edges are put back on the road as it is then. An edit that would take the road from under one of them is
-refused, naming it: nothing is lost silently.
+PoIs and edges are put back on the road as it is then, edges along the same way. An edit that would take the road from
+under one of them is refused, naming it: nothing is lost silently. What no road carried before is left as it is.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import msgspec
 import numpy as np
+from scipy.spatial import cKDTree
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import along_road, free_numbered_id
+from navcore.planning.edits import along_road, edge_of_piece, free_numbered_id
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road, RoadOrigin
 from navcore.planning.projection import arc_lengths_m, path_between, project_on_path
-from navcore.planning.road_network import RoadNetwork
+from navcore.planning.road_joining import SPACING_M, evenly_spaced
+from navcore.planning.road_network import RoadNetwork, RoadPiece
 
 MAX_SLIDE_M = 0.75
 """A place that would have to move farther to stand on the road again has lost it (as where a map grows)."""
@@ -30,8 +34,9 @@ MAX_POINTS_COUNT = 5000
 MIN_LENGTH_M, MAX_LENGTH_M = 0.3, 2000.0
 MAX_ROADS_LENGTH_M = 40_000.0
 """All roads of a graph together: each edit walks through them to find where they join."""
+MAX_SPAN_M2 = 600_000.0
+"""The rectangle round all roads: in a larger one the cells in which roads are joined grow beyond 0.1 m."""
 _SAME_ROAD_M = 0.05
-_LONGER_SHARE, _LONGER_M = 1.5, 1.0
 _SMOOTHING_STEP_M = 0.1
 
 Point = tuple[float, float]
@@ -46,8 +51,14 @@ def recorded_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
 
 def network_of(roads: Mapping[str, Road]) -> RoadNetwork:
     """Return the network that the roads of a graph make."""
-    recorded = [np.array(road.points_m) for road in roads.values() if road.origin == "recorded"]
-    drawn = [np.array(road.points_m) for road in roads.values() if road.origin == "drawn"]
+    return _network_of(tuple(roads.values()))
+
+
+# The roads before an edit, those after it, and one more that somebody else looks at.
+@lru_cache(maxsize=3)
+def _network_of(roads: tuple[Road, ...]) -> RoadNetwork:
+    recorded = [np.array(road.points_m) for road in roads if road.origin == "recorded"]
+    drawn = [np.array(road.points_m) for road in roads if road.origin == "drawn"]
     return RoadNetwork.from_roads(recorded, drawn_m=drawn)
 
 
@@ -68,15 +79,47 @@ def roads_with_drawn(roads_m: Sequence[FloatArray], drawn_m: Sequence[FloatArray
 
 
 def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]) -> str | None:
-    """Return the name of the first of these that no road carries (any more); None where all lie on one."""
-    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
-    for poi in pois:
-        if poi.on_road and not _carries(network, [(poi.x_m, poi.y_m)]):
-            return poi.name
-    for edge in (graph.edges[key] for key in edge_ids if key in graph.edges):
-        if not _carries(network, edge.path_m):
-            return f"{graph.pois[edge.a].name} – {graph.pois[edge.b].name}"
+    """Return the name of the first of these that no road carries; None where all lie on one."""
+    return next((_name(graph, thing) for thing in _off_road(graph, network, poi_ids, edge_ids)), None)
+
+
+def newly_without_road(
+    before: PoiGraph,
+    after: PoiGraph,
+    before_network: RoadNetwork,
+    after_network: RoadNetwork,
+    poi_ids: Iterable[str],
+    edge_ids: Iterable[str],
+) -> str | None:
+    """Return the name of the first of these that a change leaves, or brings back, without a road.
+
+    What no road carried ``before`` either is nothing that the change does. None where there is nothing else.
+    """
+    for thing in _off_road(after, after_network, poi_ids, edge_ids):
+        was = before.pois.get(thing.id) if isinstance(thing, Poi) else before.edges.get(thing.id)
+        if was is None or _is_carried(before_network, was):
+            return _name(after, thing)
     return None
+
+
+def _off_road(
+    graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]
+) -> Iterator[Poi | Edge]:
+    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
+    edges = (graph.edges[key] for key in edge_ids if key in graph.edges)
+    things: Iterator[Poi | Edge] = itertools.chain(pois, edges)
+    return (thing for thing in things if not _is_carried(network, thing))
+
+
+def _is_carried(network: RoadNetwork, thing: Poi | Edge) -> bool:
+    """Whether a thing lies on the road, or need not: a place that stands free."""
+    if isinstance(thing, Edge):
+        return _carries(network, thing.path_m)
+    return not thing.on_road or _carries(network, [(thing.x_m, thing.y_m)])
+
+
+def _name(graph: PoiGraph, thing: Poi | Edge) -> str:
+    return thing.name if isinstance(thing, Poi) else f"{graph.pois[thing.a].name} – {graph.pois[thing.b].name}"
 
 
 def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
@@ -174,11 +217,25 @@ def _with_road(graph: PoiGraph, road: Road, path_m: FloatArray) -> PoiGraph:
     return _with_roads(graph, {**graph.roads, road.id: _as_road(road.id, path_m, road.origin)})
 
 
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """The road before an edit of it and after."""
+
+    before: Mapping[str, Road]
+    network: RoadNetwork
+
+    @cached_property
+    def known(self) -> RoadNetwork:
+        """The road before: made only where something does not lie on the road after."""
+        return network_of(self.before)
+
+
 def _with_roads(graph: PoiGraph, roads: dict[str, Road]) -> PoiGraph:
     _refuse_too_long(roads, graph.roads)
-    network = network_of(roads)
-    pois = {key: _put_back(poi, network) for key, poi in graph.pois.items()}
-    edges = {key: _laid_again(edge, graph, pois, network) for key, edge in graph.edges.items()}
+    refuse_too_wide(roads, graph.roads)
+    change = _Change(graph.roads, network_of(roads))
+    pois = {key: _put_back(poi, change) for key, poi in graph.pois.items()}
+    edges = {key: _laid_again(edge, graph, pois, change) for key, edge in graph.edges.items()}
     return PoiGraph(graph.version + 1, pois, edges, roads)
 
 
@@ -191,32 +248,59 @@ def _refuse_too_long(roads: Mapping[str, Road], before: Mapping[str, Road]) -> N
         )
 
 
-def _put_back(poi: Poi, network: RoadNetwork) -> Poi:
+def refuse_too_wide(roads: Mapping[str, Road], before: Mapping[str, Road]) -> None:
+    """Raise InputError where roads lie so far apart that they are no one site, and did not ``before``."""
+    width_m, height_m = _span_m(roads)
+    if width_m * height_m > max(MAX_SPAN_M2, math.prod(_span_m(before))):
+        raise InputError(
+            f"The roads would lie on {width_m:.0f} by {height_m:.0f} m, and {MAX_SPAN_M2 / 10_000:g} hectares are"
+            " taken: keep to what lies near the other roads, and make a site of its own of what lies far away."
+        )
+
+
+def _span_m(roads: Mapping[str, Road]) -> Point:
+    """Sides of the rectangle round all roads, and the margin that joining them takes."""
+    points = [point for road in roads.values() for point in road.points_m]
+    if not points:
+        return 0.0, 0.0
+    xs, ys = zip(*points, strict=True)
+    return max(xs) - min(xs) + 1.0, max(ys) - min(ys) + 1.0
+
+
+def _put_back(poi: Poi, change: _Change) -> Poi:
     if not poi.on_road:
         return poi
-    place = None if network.is_empty else network.nearest(poi.x_m, poi.y_m)
+    place = None if change.network.is_empty else change.network.nearest(poi.x_m, poi.y_m)
+    if (place is None or place.distance_m > _SAME_ROAD_M) and not _is_carried(change.known, poi):
+        return poi
     if place is None or place.distance_m > MAX_SLIDE_M:
         raise InputError(f"{poi.name} stands on that piece of road: move or delete it first.")
     return poi if place.distance_m < 1e-9 else msgspec.structs.replace(poi, x_m=place.x_m, y_m=place.y_m)
 
 
-def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], network: RoadNetwork) -> Edge:
+def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], change: _Change) -> Edge:
     a, b = pois[edge.a], pois[edge.b]
     stays = (a, b) == (graph.pois[edge.a], graph.pois[edge.b])
-    if stays and _carries(network, edge.path_m):
+    is_carried = _is_carried(change.network, edge)
+    if stays and is_carried:
         return edge
+    old_path = np.array(edge.path_m)
+    if not is_carried and not _is_carried(change.known, edge):
+        return edge if stays else edge_of_piece(edge, pois, RoadPiece(old_path, edge.length_m))
+    refusal = f"{a.name} and {b.name} are joined along that piece of road"
     try:
-        laid = along_road(network, pois, edge)
+        laid = along_road(change.network.near(old_path, MAX_SLIDE_M + SPACING_M), pois, edge)
     except InputError as error:
-        raise InputError(
-            f"{a.name} and {b.name} are joined along that piece of road: delete their connection first."
-        ) from error
-    if laid.length_m > _LONGER_SHARE * edge.length_m + _LONGER_M:
-        raise InputError(
-            f"{a.name} and {b.name} would be joined by another, longer way ({laid.length_m:.1f} m instead of"
-            f" {edge.length_m:.1f} m): delete their connection first."
-        )
+        raise InputError(f"{refusal}, and no other leads along there: delete their connection first.") from error
+    if _farthest_m(old_path, np.array(laid.path_m)) > MAX_SLIDE_M:
+        raise InputError(f"{refusal}, and would be joined by another way: delete their connection first.")
     return laid
+
+
+def _farthest_m(path_m: FloatArray, other_m: FloatArray) -> float:
+    """How far a polyline (n, 2) goes from another."""
+    near, _ = cKDTree(evenly_spaced(other_m, SPACING_M)).query(evenly_spaced(path_m, SPACING_M))
+    return float(np.max(near))
 
 
 def _road(graph: PoiGraph, road_id: str) -> Road:

@@ -45,7 +45,8 @@ def joined_centre_lines(walks_m: Sequence[FloatArray], merge_distance_m: float) 
     margin_m = 2 * merge_distance_m + 4 * CELL_M
     # A road network of a whole campus still fits: the cells grow where the area is very large.
     cell_m = max(CELL_M, math.sqrt(float(np.prod(high - low + 2 * margin_m)) / _MAX_CELLS))
-    origin = low - margin_m
+    # On the grid of the map itself: a road that is made longer or shorter at one end stays where it is elsewhere.
+    origin = np.floor((low - margin_m) / cell_m) * cell_m
     shape = tuple(int(n) for n in np.ceil((high - origin + margin_m) / cell_m).astype(int))
     band = _painted_band(walks_m, origin, cell_m, (shape[1], shape[0]), merge_distance_m)
     chains = _without_spurs(_chains(_thinned(band)), merge_distance_m / cell_m)
@@ -71,9 +72,9 @@ def _without_slivers(band: Mask, radius_px: float) -> Mask:
     if outside <= 2:
         return band
     depth_px = cv2.distanceTransform((1 - band).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    deepest = np.zeros(outside, dtype=np.float32)
-    np.maximum.at(deepest, np.asarray(labels, dtype=np.int64).ravel(), np.asarray(depth_px).ravel())
-    filled: Mask = (band.astype(bool) | (deepest[labels] <= radius_px)).astype(np.uint8)
+    is_deep = np.zeros(outside, dtype=bool)
+    is_deep[labels[depth_px > radius_px]] = True
+    filled: Mask = (band.astype(bool) | ~is_deep[labels]).astype(np.uint8)
     return filled
 
 

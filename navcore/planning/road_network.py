@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
 from navcore.planning.drawn_lines import with_drawn
-from navcore.planning.road_joining import SPACING_M, joined_centre_lines
+from navcore.planning.road_joining import SPACING_M, evenly_spaced, joined_centre_lines
 
 _NEAR_M = 2.0
 IndexArray = NDArray[np.int64]
@@ -157,6 +157,16 @@ class RoadNetwork:
         distances = np.hypot(*(start + fraction[:, None] * along - places).T)
         nearest: FloatArray = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
         return nearest
+
+    def near(self, path_m: FloatArray, distance_m: float) -> RoadNetwork:
+        """Return the part of the network that stays within a distance of a polyline (n, 2), without its ``lines``."""
+        if self.is_empty:
+            return self
+        within = np.zeros(len(self.vertices_m), dtype=bool)
+        found = self._tree.query_ball_point(evenly_spaced(path_m, SPACING_M), distance_m)
+        within[list(itertools.chain.from_iterable(cast("list[list[int]]", found)))] = True
+        kept, segments = np.unique(self.segments[within[self.segments].all(axis=1)], return_inverse=True)
+        return RoadNetwork(self.vertices_m[kept], segments.reshape(-1, 2))
 
     def shortest_piece(self, a: RoadPoint, b: RoadPoint) -> RoadPiece:
         """Return the shortest way along the road from a to b. Raises PlanningError where no road joins them."""

@@ -44,7 +44,7 @@ MAX_SNAP_M = 1.0
 
 
 class Editor:
-    """The editing of one person in one browser window. Used from one thread: the scene's loop."""
+    """The editing of one person in one browser window. Used by one thread at a time."""
 
     def __init__(self, model: SiteModel, person: SignedIn, tell: Tell) -> None:
         self._model = model

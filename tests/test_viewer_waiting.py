@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sqlite3
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -11,8 +13,10 @@ from hardware_stand_ins import eventually
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
+from console.edits import ProposeEdges
 from console.model import ModelChange
 from console.services import Services
+from console.store import DATABASE_FILE
 from console.viewer.scene import Scene
 
 WAIT_S = 20.0
@@ -99,3 +103,23 @@ def test_a_window_that_is_closed_during_a_long_edit_leaves_no_one_behind(
     accepted.result(WAIT_S)
     assert [present.user_name for present in scene_and_services[1].presence.windows()] == ["Ben"]
     assert len(scene_and_services[1].model.graph.roads) == 3, "what was accepted is made"
+
+
+# ---------------------------------------------------------------------------------------------------- publishing
+def test_waiting_for_what_was_published_before_anything_was_is_no_error(ada: FakeBrowser) -> None:
+    ada.run(ada.view.published())
+
+
+def test_whatever_keeps_a_draft_from_being_published_is_told(
+    ada: FakeBrowser, scene_and_services: tuple[Scene, Services], tmp_path: Path
+) -> None:
+    model = scene_and_services[1].model
+    published = model.published
+    model.apply(ProposeEdges(), "Ben")
+    with closing(sqlite3.connect(tmp_path / "data" / DATABASE_FILE)) as damaged:
+        damaged.execute("DROP TABLE publications")
+    ada.key("publish")
+    ada.run(ada.view.published())
+    assert ada.notices
+    assert not any("are given" in notice for notice in ada.notices)
+    assert model.published is published

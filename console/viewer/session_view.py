@@ -18,7 +18,6 @@ import viser
 from viser._gui_handles import GuiModalHandle
 
 from console.edits import Thing, ThingKind
-from console.errors import ConsoleError
 from console.presence import Doing
 from console.publishing import UnconfirmedError, publish
 from console.roles import EDITING, TUNING, SignedIn
@@ -47,6 +46,7 @@ from console.viewer.view_panel import ViewPanel
 from console.viewer.walker_panel import WalkerPanel
 from console.viewer.widgets import Act, at_once, on_press
 from console.viewer.wording import keys_table
+from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
 _NOTICE_S = 6.0
@@ -239,8 +239,11 @@ class SessionView:
             published = await asyncio.to_thread(publish, services.model, services.checks, who)
         except UnconfirmedError as error:
             self.tell("Not published", f"{error} See the page Checks; Versions publishes all the same.")
-        except ConsoleError as error:
+        except VbrError as error:
             self.tell("Not published", str(error))
+        except Exception:
+            _log.exception("The draft of %s could not be published.", who)
+            self.tell("Not published", "Something unexpected went wrong, which is in the console's log: try again.")
         else:
             sentence = f"The devices are given version {published.version}."
             self.client.add_notification("Published", sentence, auto_close_seconds=_NOTICE_S, color="green")

@@ -41,6 +41,8 @@ from navcore.planning.road_edits import MEET_M
 
 MAX_SNAP_M = 1.0
 """A click farther from the road than this is no tag on it."""
+PICK_ROAD_M = 0.2
+"""A click on the floor this near to a road means the road: between the dashes of a drawn one nothing else is hit."""
 
 
 class Editor:
@@ -173,6 +175,10 @@ class Editor:
         """The floor was clicked, or nothing at all; ``is_free``: off the road, if a place comes of it."""
         self.put_down()
         if point_m is None:
+            return
+        road_id = None if self.wants_floor else self._road_at(point_m)
+        if road_id is not None:
+            self.pick(("road", road_id))
             return
         match self.begun:
             case PlaceOnEdge(edge_id):
@@ -345,6 +351,14 @@ class Editor:
         if distance_m > MAX_SNAP_M:
             self._tell("Not on the road", f"The road is {distance_m:.1f} m away: click on the one that is highlighted.")
         return distance_m <= MAX_SNAP_M
+
+    def _road_at(self, point_m: FloorPoint) -> str | None:
+        distances_m = {
+            road_id: project_on_path(self._road_path(road_id), *point_m).distance_m
+            for road_id in self._model.graph.roads
+        }
+        nearest = min(distances_m, key=distances_m.__getitem__, default=None)
+        return nearest if nearest is not None and distances_m[nearest] <= PICK_ROAD_M else None
 
     def _road_path(self, road_id: str) -> FloatArray:
         return np.array(self._model.graph.roads[road_id].points_m)

@@ -9,7 +9,7 @@ import pytest
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
-from console.edits import DeletePoi, MovePoi, SetEdge, UpdatePoi
+from console.edits import AddPoi, DeletePoi, MovePoi, SetEdge, UpdatePoi
 from console.model import SiteModel
 from console.services import Services
 from console.view_requests import FlyToPoint
@@ -160,6 +160,42 @@ def test_interleaved_editing_loses_nothing_silently(ada: FakeBrowser, ben: FakeB
             is_made = model.graph.pois["hall"].x_m == pytest.approx(x_m, abs=0.02)
             assert is_made or browser.view.editor.conflict is not None
         ada.view.editor.conflict = ben.view.editor.conflict = None
+
+
+# ---------------------------------------------------------------------------------------------- what has been shown
+def test_a_proposal_that_has_become_another_meanwhile_is_shown_again_before_it_is_accepted(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.key("propose")
+    model.apply(AddPoi("Chair", "other", 14.0, 0.0), "Ben")
+    ada.key("accept")
+    assert model.graph.edges.keys() == {"e1"}, "nobody has seen these"
+    assert any("accept it once more" in notice for notice in ada.notices)
+    assert "3 new connections" in ada.view.editor.hint
+    ada.key("accept")
+    assert len(model.graph.edges) == 4
+
+
+def test_a_connection_that_has_become_another_meanwhile_is_shown_again_before_it_is_accepted(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.key("connect")
+    ada.click_poi("junction")
+    ada.click_poi("bar")
+    model.apply(MovePoi("bar", 17.0, 0.0), "Ben")
+    ada.tick()
+    ada.key("accept")
+    assert model.graph.edges.keys() == {"e1"}
+    assert "7.0 m" in ada.view.editor.hint
+    ada.key("accept")
+    assert [edge.length_m for edge in model.graph.edges.values()][1:] == pytest.approx([7.0], abs=0.1)
+
+
+def test_what_changes_elsewhere_keeps_nobody_from_accepting_what_is_shown(ada: FakeBrowser, model: SiteModel) -> None:
+    ada.key("propose")
+    model.apply(UpdatePoi("bar", name="Tea bar"), "Ben")
+    ada.key("accept")
+    assert len(model.graph.edges) == 3
 
 
 # ------------------------------------------------------------------------------------------------------ presence

@@ -262,8 +262,10 @@ class Editor:
         begun = self.begun
         if not isinstance(begun, NewEdges):
             return False
-        before = self._model.graph.edges.keys()
         edit = edits.ProposeEdges() if begun.is_proposal else edits.AddEdge(begun.edges[0].a, begun.edges[0].b)
+        if begun.version != self.version and not self._is_still(begun, edit):
+            return False
+        before = self._model.graph.edges.keys()
         if not self._finish(edit):
             return False
         if not begun.is_proposal:
@@ -282,15 +284,30 @@ class Editor:
         self.selected = ("poi", poi_id)
 
     def _begin_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool = False) -> None:
+        begun = self._new_edges(edit, is_proposal)
+        if begun is not None:
+            self.begun = begun
+
+    def _new_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool) -> NewEdges | None:
+        """What an edit would add now; None, and a sentence, where that is nothing."""
         before = self._model.graph
         try:
             after = self._model.preview(edit)
         except VbrError as error:
             self._tell("Nothing to connect" if is_proposal else "Not connected", str(error))
-            return
+            return None
         added = tuple(edge for key, edge in after.edges.items() if key not in before.edges)
-        if added:
-            self.begun = NewEdges(added, is_proposal)
+        return NewEdges(added, before.version, is_proposal) if added else None
+
+    def _is_still(self, shown: NewEdges, edit: edits.AddEdge | edits.ProposeEdges) -> bool:
+        """Whether the draft, which has changed, still gives what is shown; if not, what it gives is shown."""
+        now = self._new_edges(edit, shown.is_proposal)
+        if now is not None and now.is_like(shown):
+            return True
+        self.begun = now
+        if now is not None:
+            self._tell("Look again", "The map was changed meanwhile, and this would be added now: accept it once more.")
+        return False
 
     # ------------------------------------------------------------------------------------------------- roads
     def accept_drawing(self) -> bool:

@@ -55,9 +55,13 @@ class Editor:
         self._tell = tell
         self.mode = Mode.SELECT
         self.selected: Thing | None = None
+        self._seen_version = model.graph.version
+        """The draft's version when the person decided on what is selected, or chose between two versions of it."""
         self.begun: Begun | None = None
         self._hand = Hand(model, self._who, tell, self._apply)
         self.conflict: Conflict | None = None
+        self._refused: Begun | None = None
+        """What was begun and has led to the conflict."""
         self.is_free = False
         """Whether new places stand where they are put, off the road."""
 
@@ -148,10 +152,13 @@ class Editor:
         else:
             self.selected = None
 
+    def _select(self, thing: Thing | None) -> None:
+        self.selected, self._seen_version = thing, self.version
+
     def select(self, thing: Thing | None = None) -> None:
         """Select a thing, or nothing."""
         self.put_down()
-        self.selected = thing
+        self._select(thing)
 
     def pick(self, thing: Thing) -> None:
         """A thing was clicked."""
@@ -169,7 +176,7 @@ class Editor:
             self._pick_for_edge(key)
         elif self.mode is Mode.SELECT and not self.wants_floor:
             self.begun = None
-            self.selected = thing
+            self._select(thing)
 
     def pick_floor(self, point_m: FloorPoint | None, is_free: bool = False) -> None:
         """The floor was clicked, or nothing at all; ``is_free``: off the road, if a place comes of it."""
@@ -217,7 +224,7 @@ class Editor:
     def set_on_road(self, on_road: bool) -> None:
         """Put the selected place on the road, or let it stand free where it is."""
         if self.poi is not None:
-            self.apply(edits.MovePoi(self.poi.id, self.poi.x_m, self.poi.y_m, on_road=on_road))
+            self.apply(edits.MovePoi(self.poi.id, self.poi.x_m, self.poi.y_m, on_road=on_road), self._seen_version)
 
     def _begin_place(self, point_m: FloorPoint, is_free: bool) -> None:
         if is_free:
@@ -249,7 +256,7 @@ class Editor:
 
     def _merge(self, other_id: str, poi_id: str) -> None:
         if self._finish(edits.MergePois(poi_id, other_id)):
-            self.selected = ("poi", poi_id)
+            self._select(("poi", poi_id))
 
     # ------------------------------------------------------------------------------------------- connections
     def propose(self) -> None:
@@ -281,7 +288,7 @@ class Editor:
             self._begin_edges(edits.AddEdge(begun.poi_id, poi_id))
         else:
             self.begun = EdgeFrom(poi_id)
-        self.selected = ("poi", poi_id)
+        self._select(("poi", poi_id))
 
     def _begin_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool = False) -> None:
         begun = self._new_edges(edit, is_proposal)
@@ -358,7 +365,7 @@ class Editor:
 
     def _join(self, road_id: str, other_id: str) -> None:
         if self._finish(edits.JoinRoads(road_id, other_id)):
-            self.selected = ("road", road_id)
+            self._select(("road", road_id))
 
     def _near_road(self, road_id: str, point_m: FloorPoint) -> bool:
         if road_id not in self._model.graph.roads:
@@ -384,17 +391,20 @@ class Editor:
     def apply(self, edit: Edit, base_version: int | None = None) -> bool:
         """Make an edit; ``base_version`` is the version that was looked at. Return whether it was made."""
         self.put_down()
-        return self._apply(edit, base_version)
+        done = self._apply(edit, base_version)
+        if done and base_version is not None:
+            self._seen_version = max(self._seen_version, base_version)
+        return done
 
     def delete_selected(self) -> None:
         """Remove the selected place with its edges, the selected edge, or the selected road."""
         self.escape_move()
         if self.poi is not None:
-            self._apply(edits.DeletePoi(self.poi.id))
+            self._apply(edits.DeletePoi(self.poi.id), self._seen_version)
         elif self.edge is not None:
-            self._apply(edits.DeleteEdge(self.edge.id))
+            self._apply(edits.DeleteEdge(self.edge.id), self._seen_version)
         elif self.road is not None:
-            self._apply(edits.DeleteRoad(self.road.id))
+            self._apply(edits.DeleteRoad(self.road.id), self._seen_version)
 
     def undo(self) -> None:
         """Take back the own latest edit."""
@@ -410,11 +420,15 @@ class Editor:
         """Make the edit that was refused, over the version of somebody else."""
         conflict, self.conflict = self.conflict, None
         if conflict is not None:
-            self._apply(conflict.edit, conflict.version)
+            self._seen_version = conflict.version
+            if self._apply(conflict.edit, conflict.version) and self.begun is self._refused:
+                self.begun = None
 
     def keep_theirs(self) -> None:
         """Leave the version of somebody else as it is."""
-        self.conflict = None
+        conflict, self.conflict = self.conflict, None
+        if conflict is not None:
+            self._seen_version = conflict.version
 
     # ----------------------------------------------------------------------------------------------- moving
     def drag_to(self, poi_id: str, point_m: FloorPoint | None) -> None:
@@ -422,7 +436,8 @@ class Editor:
         if not self.may_edit or self.mode is not Mode.SELECT:
             return
         if self.moving_id != poi_id and poi_id in self._model.graph.pois:
-            self.selected, self.begun = ("poi", poi_id), None
+            self._select(("poi", poi_id))
+            self.begun = None
         self._hand.drag_to(poi_id, point_m)
 
     def drop(self, poi_id: str, point_m: FloorPoint | None) -> None:
@@ -459,16 +474,18 @@ class Editor:
     # --------------------------------------------------------------------------------------------- internals
     def _finish(self, edit: Edit) -> bool:
         """Make the edit that was begun; where it is refused, it stays begun."""
-        done = self._apply(edit)
+        done = self._apply(edit, self._seen_version)
         if done:
             self.begun = None
+        elif self.conflict is not None:
+            self._refused = self.begun
         return done
 
     def _select_new(self, kind: ThingKind, before: Collection[str]) -> None:
         graph = self._model.graph
         of_kind: dict[ThingKind, Collection[str]] = {"poi": graph.pois, "edge": graph.edges, "road": graph.roads}
         new = next((key for key in of_kind[kind] if key not in before), None)
-        self.selected = (kind, new) if new is not None else None
+        self._select((kind, new) if new is not None else None)
 
     def _apply(self, edit: Edit, base_version: int | None = None) -> bool:
         def make() -> None:

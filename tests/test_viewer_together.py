@@ -94,6 +94,17 @@ def test_a_place_that_is_deleted_while_it_is_dragged_ends_the_drag_with_a_senten
     assert "bar" not in model.graph.pois
 
 
+def test_a_place_that_one_deletes_in_another_window_ends_the_drag_and_the_sentence_names_oneself(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    drag_bar(ada, "start", "update")
+    model.apply(DeletePoi("bar"), "Ada")
+    version = model.graph.version
+    ada.tick()
+    assert any("Ada has deleted Bar" in notice for notice in ada.notices)
+    assert model.graph.version == version
+
+
 def test_what_others_change_elsewhere_is_seen_during_a_drag(ada: FakeBrowser, model: SiteModel) -> None:
     drag_bar(ada, "start", "update")
     model.apply(UpdatePoi("lift", name="Lift A"), "Ben")

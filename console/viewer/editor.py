@@ -58,7 +58,7 @@ class Editor:
         self._seen_version = model.graph.version
         """The draft's version when the person decided on what is selected, or chose between two versions of it."""
         self.begun: Begun | None = None
-        self._hand = Hand(model, self._who, tell, self._apply)
+        self._hand = Hand(model, tell, self._apply)
         self.conflict: Conflict | None = None
         self._refused: Begun | None = None
         """What was begun and has led to the conflict."""

@@ -46,7 +46,7 @@ PICK_ROAD_M = 0.2
 
 
 class Editor:
-    """The editing of one person in one browser window. Used by one thread at a time."""
+    """The editing of one person in one browser window. Used by one thread at a time; any may read meanwhile."""
 
     def __init__(self, model: SiteModel, person: SignedIn, tell: Tell) -> None:
         self._model = model
@@ -69,7 +69,8 @@ class Editor:
     @property
     def graph(self) -> PoiGraph:
         """The graph to draw: the draft, or what it would be if the move ended here."""
-        return self._model.graph if self.moving is None else self.moving.graph
+        moving = self.moving
+        return self._model.graph if moving is None else moving.graph
 
     @property
     def moving(self) -> Moving | None:
@@ -79,7 +80,8 @@ class Editor:
     @property
     def moving_id(self) -> str | None:
         """The place that is being moved."""
-        return None if self.moving is None else self.moving.poi.id
+        moving = self.moving
+        return None if moving is None else moving.poi.id
 
     @property
     def poi(self) -> Poi | None:
@@ -97,7 +99,8 @@ class Editor:
         return self._model.graph.roads.get(self._selected("road"))
 
     def _selected(self, kind: str) -> str:
-        return self.selected[1] if self.selected is not None and self.selected[0] == kind else ""
+        selected = self.selected
+        return selected[1] if selected is not None and selected[0] == kind else ""
 
     @property
     def version(self) -> int:

@@ -354,7 +354,8 @@ class SessionView:
         self.view_panel.tick(view)
         cue = self.live.cue_spot
         kept_clear = (*self.people.spots, cue) if cue is not None else self.people.spots
-        self.labels.arrange(self.editor.poi.id if self.editor.poi else None, self.view_panel.lengths.value, kept_clear)
+        poi = self.editor.poi
+        self.labels.arrange(poi.id if poi is not None else None, self.view_panel.lengths.value, kept_clear)
 
     def _keep_up(self, now_s: float) -> None:
         model, was_moving = self._services.model, self.editor.moving

@@ -123,6 +123,55 @@ def test_a_place_is_tagged_by_a_click_on_the_road_its_name_and_enter(page: Page,
 
 
 @pytest.mark.slow
+def test_roads_places_and_connections_are_worked_on_with_the_mouse_alone(page: Page, console: ConsoleServer) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+    hands.steady_pixel_of("/graph/poi/hall/head")
+
+    # All neighbours at one stroke: shown first, then accepted.
+    hands.press_button("Propose")
+    until(page, lambda: "1 new connection, 6.0 m" in hands.frame.inner_text("body"), "what would be added")
+    hands.press_button("Accept")
+    until(page, lambda: len(model.graph.edges) == 2, "the proposed connection")
+
+    # A place on a connection cuts it in two; a place is merged into another.
+    hands.press_button("Select (1)")
+    hands.click_floor(6.0, 0.0, 0.12)
+    until(page, lambda: "Place on it" in hands.frame.inner_text("body"), "the connection's form")
+    hands.press_button("Place on it")
+    hands.click_floor(6.0, 0.0)
+    hands.press_button("Add place")
+    until(page, lambda: len(model.graph.edges) == 3, "the connection in two")
+    (middle,) = model.graph.pois.keys() - {"hall", "junction", "bar"}
+    hands.click_node(f"/graph/poi/{middle}/head")
+    hands.press_button("Merge into")
+    hands.click_node("/graph/poi/hall/head")
+    until(page, lambda: middle not in model.graph.pois, "one place in place of two")
+
+    # A road is drawn by clicks, cut, and deleted piece by piece.
+    hands.press_button("Draw a road")
+    hands.click_floor(14.0, 0.0)
+    hands.click_floor(14.0, 5.0)
+    until(page, lambda: "5.0 m drawn" in hands.frame.inner_text("body"), "the line so far")
+    hands.press_button("Accept")
+    until(page, lambda: "r3" in model.graph.roads, "the drawn road")
+    hands.press_button("Select (1)")
+    hands.click_floor(14.0, 3.8, 0.05)
+    hands.press_button("Split here")
+    hands.click_floor(14.0, 2.5)
+    until(page, lambda: "r4" in model.graph.roads, "the road in two")
+    hands.click_floor(14.0, 1.2, 0.05)
+    until(page, lambda: selected(console) == ("road", "r3"), "one part to be selected")
+    hands.press_button("Join")
+    hands.click_floor(14.0, 3.8, 0.05)
+    until(page, lambda: "r4" not in model.graph.roads, "the two parts joined")
+    hands.press_button("Delete road")
+    until(page, lambda: model.graph.roads.keys() == {"r1", "r2"}, "the road to be gone")
+    hands.press_button("Undo")
+    until(page, lambda: "r3" in model.graph.roads, "the road to be back")
+
+
+@pytest.mark.slow
 def test_the_keyboard_selects_nudges_draws_and_helps_and_the_camera_stays(page: Page, console: ConsoleServer) -> None:
     model = console.services.model
     hands = open_scene(page, console)
@@ -183,6 +232,12 @@ def test_a_reload_in_the_middle_of_a_drag_changes_nothing_and_another_window_see
     model.apply(UpdatePoi("bar", name="Tea bar"), "setup")
     until(other_page, lambda: field.input_value() == "Tea bar", "what was edited elsewhere")
     other_page.close()
+
+
+def selected(console: ConsoleServer) -> object:
+    """What the one window that is open has selected."""
+    (present,) = console.services.presence.windows()
+    return present.thing
 
 
 def console_moves(console: ConsoleServer) -> bool:

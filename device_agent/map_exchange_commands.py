@@ -214,7 +214,7 @@ def _import_graph(arguments: argparse.Namespace) -> int:
         sys.stderr.write(f"vbr: {sentence}\n")
     sys.stdout.write(
         f"{arguments.site} has version {graph.version} of its PoI-graph: {len(graph.pois)} places,"
-        f" {len(graph.edges)} connections. Whether there is room along them was not measured: the console's check does.\n"
+        f" {len(graph.edges)} connections. Whether there is room along them only the console's check knows.\n"
     )
     return 0
 

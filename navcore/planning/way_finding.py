@@ -15,7 +15,8 @@ import numpy as np
 from navcore.angles import WorldAngle
 from navcore.errors import PlanningError
 from navcore.geometry import FloatArray
-from navcore.planning.poi_graph import CautionSide, Edge, Poi, PoiGraph
+from navcore.planning.edits import OTHER_SIDE
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.planning.projection import EdgeIndex, EdgePoint, arc_lengths_m, direction_at, path_between
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.shortest_path import Source, Way, Ways
@@ -227,12 +228,9 @@ def find_route(graph: PoiGraph, x_m: float, y_m: float, poi_id: str, settings: P
     return WayFinder(graph, settings).route_to(poi_id, x_m, y_m)
 
 
-_MIRRORED: dict[CautionSide, CautionSide] = {"none": "none", "left": "right", "right": "left", "both": "both"}
-
-
 def _piece(edge: Edge, begin_m: float, end_m: float, from_m: float, to_m: float) -> RoutePiece:
     """What is on the left on the way from a to b is on the right on the way back."""
-    side = edge.caution_side if from_m <= to_m else _MIRRORED[edge.caution_side]
+    side = edge.caution_side if from_m <= to_m else OTHER_SIDE[edge.caution_side]
     return RoutePiece(edge.id, begin_m, end_m, from_m, to_m, side, edge.width_m)
 
 

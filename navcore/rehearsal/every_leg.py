@@ -80,7 +80,15 @@ def rehearsed_route(rehearsal: Rehearsal, graph: PoiGraph) -> RehearsedRoute:
     """
     goal = graph.pois[rehearsal.destination_poi_id]
     said = tuple(
-        Announced(each.kind.value, each.poi_id or "", each.along_m, each.distance_m or 0.0, each.x_m, each.y_m)
+        Announced(
+            each.kind.value,
+            each.poi_id or "",
+            each.along_m,
+            each.distance_m or 0.0,
+            each.x_m,
+            each.y_m,
+            each.edge_id or "",
+        )
         for each in rehearsal.utterances
         if each.text
     )
@@ -91,6 +99,7 @@ def rehearsed_route(rehearsal: Rehearsal, graph: PoiGraph) -> RehearsedRoute:
         goal.x_m,
         goal.y_m,
         tuple(sorted(said, key=lambda each: each.at_m)),
+        rehearsal.edge_ids if rehearsal.arrived else (),
     )
 
 

@@ -57,17 +57,24 @@ function fileForm(name, pathOf, take) {
 
 const graphPath = (file, token) => `/api/import/graph?${new URLSearchParams({ name: file.name.slice(0, 120), ...(token ? { confirm: token } : {}) })}`;
 
-fileForm("graph", (file) => graphPath(file), ({ token, changes, unused }, file) => {
+fileForm("graph", (file) => graphPath(file), ({ token, changes, unused, whole, notes }, file) => {
   Object.assign(previewed, { file, token });
   const apply = el("button", { type: "button", class: "primary", disabled: changes.length === 0, onclick: () => confirm(apply) }, "Import it");
   const title = el("h3", { id: "preview-title", tabindex: "-1" }, `What ${file.name} would change`);
-  $("preview").replaceChildren(title, changesList(changes, (id) => graph.nameOf(id), "Nothing: the draft is like this already."),
+  $("preview").replaceChildren(title, ...warnings({ whole, notes, changes }), changesList(changes, (id) => graph.nameOf(id), "Nothing: the draft is like this already."),
     ...(unused.length ? [el("div", { class: "note warn" }, el("p", {}, el("b", {}, `${unused.length} things cannot be used and are left out:`)), el("ul", { class: "changes" }, ...unused.map((sentence) => el("li", {}, sentence))))] : []),
     el("p", { class: "problem", id: "preview-problem", role: "alert" }),
     el("div", { class: "row" }, apply, el("button", { type: "button", onclick: dropPreview }, "Leave it")));
   $("preview").hidden = false;
   title.focus();
 });
+
+/** What somebody should have read before they take a file: it stands above the list, which may be long. */
+function warnings({ whole, notes, changes }) {
+  const removed = changes.filter(({ change }) => change === "removed").length;
+  const replaced = `This file is a whole graph and takes the draft’s place: whatever is not in it is deleted (${removed === 1 ? "one thing" : `${removed} things`} here).`;
+  return [...(whole && removed ? [replaced] : []), ...notes].map((sentence) => el("p", { class: "note warn" }, sentence));
+}
 
 function dropPreview() {
   $("preview").hidden = true;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 
@@ -11,7 +12,7 @@ from console_room import Person, invited
 from link_processes import ConsoleProcess
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
-from console.edits import DeletePoi, UpdatePoi
+from console.edits import AddPoi, DeletePoi, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -342,6 +343,34 @@ def test_bad_files_are_refused_beside_the_field_and_change_nothing(page: Page, s
     assert server.services.model.graph.pois["b"].name == "Tea bar"
     press(page, "Undo")
     until(page, lambda: server.services.model.graph.pois == before.pois, "the import to be taken back")
+
+
+def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_looked_at(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    whole = page.request.get("/api/export/graph.geojson").body()
+    point = {
+        "type": "Feature",
+        "properties": {"name": "Kiosk"},
+        "geometry": {"type": "Point", "coordinates": [3.0, 0.0]},
+    }
+    foreign = json.dumps({"type": "FeatureCollection", "features": [point]}).encode()
+    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
+    open_page(page, "/exchange")
+    field = page.get_by_label("File").first
+    warned = page.locator("#preview .note.warn")
+
+    field.set_input_files({"name": "whole.geojson", "mimeType": "", "buffer": whole})
+    press(page, "Look at it")
+    expect(warned).to_contain_text("whatever is not in it is deleted (one thing here)")
+    expect(page.locator("#preview")).to_contain_text("Place Lift")
+    press(page, "Leave it")
+    field.set_input_files({"name": "foreign.geojson", "mimeType": "", "buffer": foreign})
+    press(page, "Look at it")
+    expect(warned).to_have_count(1)
+    expect(warned).to_contain_text("The file does not say where it lies")
+    assert "Lift" in {poi.name for poi in model.graph.pois.values()}
 
 
 def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(

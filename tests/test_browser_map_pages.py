@@ -103,8 +103,8 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     published = model.published
 
     def answer(_: str, body: Any) -> Any:
-        if body != {"confirmed": True}:
-            return {"status": 409, "json": {"error": "The draft has one error.", "findings": FINDINGS[:1]}}
+        if body != {"confirmed": True, "version": 2}:
+            return refused_publication(2, FINDINGS[:1])
         model.publish("Ada")
         return {"json": page.request.get("/api/graph").json()}
 
@@ -120,7 +120,42 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     page.get_by_role("button", name="Publish").press("Enter")
     asked.get_by_role("button", name="Publish it").press("Enter")
     expect(page.locator("#steps")).to_contain_text("Version 2 is what is published.")
-    assert sent == [{}, {}, {"confirmed": True}]
+    assert sent == [{}, {}, {"confirmed": True, "version": 2}]
+
+
+def refused_publication(version: int, findings: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"status": 409, "json": {"error": "The draft has errors.", "findings": findings, "version": version}}
+
+
+def test_what_was_confirmed_is_published_and_not_what_the_draft_has_become_meanwhile(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
+
+    def answer(_: str, body: Any) -> Any:
+        if body == {"confirmed": True, "version": 2}:
+            # Somebody edits while the errors of version 2 are being read.
+            model.apply(UpdatePoi("b", name="Coffee bar"), "Bea")
+        if body != {"confirmed": True, "version": 3}:
+            return refused_publication(model.graph.version, FINDINGS[model.graph.version - 2 :])
+        model.publish("Ada", 3)
+        return {"json": page.request.get("/api/graph").json()}
+
+    answering(page, "/api/check", lambda *_: {"json": state("none")})
+    sent = answering(page, "/api/publish", answer)
+    page.goto("/versions")
+    expect(page.locator("#steps")).to_contain_text("Version 2;")
+    page.get_by_role("button", name="Publish").press("Enter")
+    page.get_by_role("dialog", name="Publish all the same?").get_by_role("button", name="Publish it").press("Enter")
+    again = page.get_by_role("dialog", name="Publish what it is now?")
+    expect(again).to_contain_text("The draft has been changed meanwhile, it is version 3 by now.")
+    expect(again).to_contain_text("Hall – Bar is 0.5 m wide.")
+    expect(again.get_by_role("button", name="Not yet")).to_be_focused()
+    assert model.published.version == 1
+    again.get_by_role("button", name="Publish it").press("Enter")
+    expect(page.locator("#steps")).to_contain_text("Version 3 is what is published.")
+    assert sent == [{}, {"confirmed": True, "version": 2}, {"confirmed": True, "version": 3}]
 
 
 def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:

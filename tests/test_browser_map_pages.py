@@ -13,7 +13,7 @@ import pytest
 from browser import become_admin, chromium, until, without_tour
 from playwright.sync_api import Browser, Page, Route, expect
 
-from console.edits import UpdatePoi
+from console.edits import SetEdge, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -156,6 +156,41 @@ def test_what_was_confirmed_is_published_and_not_what_the_draft_has_become_meanw
     again.get_by_role("button", name="Publish it").press("Enter")
     expect(page.locator("#steps")).to_contain_text("Version 3 is what is published.")
     assert sent == [{}, {"confirmed": True, "version": 2}, {"confirmed": True, "version": 3}]
+
+
+def test_going_back_over_what_somebody_did_meanwhile_is_asked_again_and_only_then_done(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
+    sent: list[Any] = []
+
+    def judge(route: Route) -> None:
+        sent.append(json.loads(route.request.post_data or "null"))
+        if len(sent) <= 2:
+            model.apply(SetEdge("a-b", closed=len(sent) == 1), "Bea")
+        if sent[-1] == {"base_version": model.graph.version}:
+            return route.continue_()
+        return route.fulfill(status=409, json={"error": "The draft has been changed meanwhile."})
+
+    page.route("**/roll-back", judge)
+    page.goto("/versions")
+    back = page.get_by_role("button", name="Go back to version 1").first
+    asked = page.get_by_role("dialog", name="Go back to version 1 all the same?")
+    back.press("Enter")
+    expect(asked.get_by_role("listitem")).to_have_count(1)
+    expect(asked.get_by_role("listitem")).to_contain_text("Bea Changed a connection")
+    asked.get_by_role("button", name="Leave it as it is").press("Enter")
+    expect(asked).to_have_count(0)
+    assert (model.graph.version, model.graph.edges["a-b"].closed) == (3, True)
+
+    expect(page.locator("#history")).to_contain_text("Changed a connection")
+    back.press("Enter")
+    expect(asked.get_by_role("listitem")).to_have_count(1)
+    asked.get_by_role("button", name="Go back").press("Enter")
+    until(page, lambda: model.graph.pois["b"].name == "Bar", "the version to be back")
+    expect(page.locator("#toasts")).to_contain_text("The draft is as it was in version 1.")
+    assert sent == [{"base_version": 2}, {"base_version": 3}, {"base_version": 4}]
 
 
 def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:

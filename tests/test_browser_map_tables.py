@@ -12,7 +12,7 @@ from console_room import Person, invited
 from link_processes import ConsoleProcess
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
-from console.edits import AddPoi, DeletePoi, UpdatePoi
+from console.edits import AddPoi, DeleteEdge, DeletePoi, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -181,6 +181,26 @@ def test_connections_are_proposed_split_changed_and_deleted_by_keys_alone(page: 
     expect(dialog).to_contain_text("Hall and Bar are 6.0 m apart along the road.")
     dialog.get_by_role("button", name="Connect").press("Enter")
     expect(page.locator("#edges tr")).to_have_count(3)
+
+
+def test_connections_that_nobody_was_shown_are_not_accepted(page: Page, server: ConsoleServer) -> None:
+    model = server.services.model
+    model.apply(DeleteEdge("a-b"), "Bea")
+    open_page(page, "/pois#connections")
+    press(page, "Propose connections…")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("One connection proposed")
+    model.apply(UpdatePoi("b", notes="By the window."), "Bea")
+    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
+    dialog.get_by_role("button", name="Accept all").press("Enter")
+    expect(dialog).to_contain_text("2 connections proposed")
+    expect(dialog).to_contain_text("The draft has been changed meanwhile, and nothing was accepted yet")
+    assert not model.graph.edges
+
+    # What changes nothing of what is proposed is no reason to ask again.
+    model.apply(UpdatePoi("b", notes="By the door."), "Bea")
+    send(page)
+    assert {edge.length_m for edge in model.graph.edges.values()} == {2.0, 4.0}
 
 
 def test_roads_are_drawn_trimmed_smoothed_split_joined_and_deleted_by_keys_alone(

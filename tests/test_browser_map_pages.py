@@ -193,6 +193,21 @@ def test_going_back_over_what_somebody_did_meanwhile_is_asked_again_and_only_the
     assert sent == [{"base_version": 2}, {"base_version": 3}, {"base_version": 4}]
 
 
+def test_the_page_admin_lists_the_people(page: Page, server: ConsoleServer) -> None:
+    invited = page.request.post(
+        "/api/users", data={"name": "Bea", "role": "editor"}, headers={"Origin": server.ready.url}
+    )
+    assert invited.status == 201
+    page.goto("/admin")
+    people = page.get_by_role("region", name="People").get_by_role("row")
+    expect(people).to_have_count(3)
+    expect(people.filter(has_text="Ada")).to_contain_text("active")
+    expect(people.filter(has_text="Bea")).to_contain_text("invited")
+    expect(page.get_by_label("Role of Bea")).to_have_value("editor")
+    ids = page.evaluate("[...document.querySelectorAll('[id]')].map(({ id }) => id)")
+    assert len(ids) == len(set(ids))
+
+
 def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:
     heard = {"lasts_s": 1.0, "edge_id": "a-b", "poi_id": None, "sound": None}
     utterances = [

@@ -256,7 +256,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     bea = other_person(browser, server, failures)
     open_page(page, "/pois")
     open_page(bea, "/pois")
-    expect(page.locator("#people")).to_contain_text("Bea, in the tables")
+    expect(page.locator("#also-here")).to_contain_text("Bea, in the tables")
 
     # Bea types a name; meanwhile Ada renames the same place, and sees that Bea is at it.
     press(bea, "Edit Bar")
@@ -293,7 +293,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     both.get_by_role("button", name="Keep theirs").press("Enter")
     expect(bea.get_by_role("dialog")).to_have_count(0)
     bea.context.close()
-    expect(page.locator("#people")).to_be_hidden()
+    expect(page.locator("#also-here")).to_be_hidden()
 
 
 def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, server: ConsoleServer) -> None:

@@ -25,8 +25,9 @@ function exportItem([file, title, words]) {
   return el("li", {}, el("a", { href: `/api/export/${file}`, download: file, class: "button slim" }, file), el("span", {}, el("b", {}, title), el("br"), el("span", { class: "quiet small" }, words)));
 }
 
-/** A form that sends a file: `take(answer, file)` gets what the console says; errors stand beside the field. */
-function fileForm(name, pathOf, take) {
+/** A form that sends a file: `take(answer, file)` gets what the console says; errors stand beside the field. `forget()` drops what
+ *  was said of the file before. */
+function fileForm(name, pathOf, take, forget = () => {}) {
   const [input, problem, send] = [$(`${name}-file`), $(`${name}-problem`), $(`${name}-send`)];
   const bar = progressBar(`How much of the file has gone`);
   $(`${name}-progress`).append(bar.node);
@@ -35,8 +36,10 @@ function fileForm(name, pathOf, take) {
     if (sentence) input.setAttribute("aria-invalid", "true");
     else input.removeAttribute("aria-invalid");
   };
+  input.addEventListener("change", () => { forget(); say(""); });
   $(`${name}-form`).addEventListener("submit", async (event) => {
     event.preventDefault();
+    forget();
     const [file] = input.files;
     say(file ? "" : "Choose a file first.");
     if (!file) return input.focus();
@@ -67,7 +70,7 @@ fileForm("graph", (file) => graphPath(file), ({ token, changes, unused, whole, n
     el("div", { class: "row" }, apply, el("button", { type: "button", onclick: dropPreview }, "Leave it")));
   $("preview").hidden = false;
   title.focus();
-});
+}, hidePreview);
 
 /** What somebody should have read before they take a file: it stands above the list, which may be long. */
 function warnings({ whole, notes, changes }) {
@@ -76,8 +79,12 @@ function warnings({ whole, notes, changes }) {
   return [...(whole && removed ? [replaced] : []), ...notes].map((sentence) => el("p", { class: "note warn" }, sentence));
 }
 
-function dropPreview() {
+function hidePreview() {
   $("preview").hidden = true;
+}
+
+function dropPreview() {
+  hidePreview();
   $("graph-file").focus();
 }
 

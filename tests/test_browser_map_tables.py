@@ -358,6 +358,17 @@ def test_bad_files_are_refused_beside_the_field_and_change_nothing(page: Page, s
     expect(page.get_by_role("heading", name="What good.geojson would change")).to_be_focused()
     expect(page.locator("#preview")).to_contain_text("Name: Bar → Tea bar")
     assert server.services.model.graph == before
+
+    # What was said of one file goes when another one is chosen: what is imported is the file that stands in the field.
+    page.get_by_label("File").first.set_input_files({"name": "bad.geojson", "mimeType": "", "buffer": b"{"})
+    expect(page.locator("#preview")).to_be_hidden()
+    press(page, "Look at it")
+    expect(page.locator("#graph-problem")).not_to_be_empty()
+    expect(page.locator("#preview")).to_be_hidden()
+    page.get_by_label("File").first.set_input_files({"name": "good.geojson", "mimeType": "", "buffer": good})
+    expect(page.locator("#graph-problem")).to_be_empty()
+    press(page, "Look at it")
+    expect(page.get_by_role("heading", name="What good.geojson would change")).to_be_focused()
     press(page, "Import it")
     expect(page.locator("#toasts")).to_contain_text("good.geojson is imported")
     assert server.services.model.graph.pois["b"].name == "Tea bar"

@@ -12,7 +12,7 @@ from console_room import Person, invited
 from link_processes import ConsoleProcess
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
-from console.edits import AddPoi, DeleteEdge, DeletePoi, UpdatePoi
+from console.edits import AddPoi, DeleteEdge, DeletePoi, MovePoi, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -320,6 +320,11 @@ def test_versions_are_named_compared_gone_back_to_and_published(page: Page, serv
     model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
     open_page(page, "/versions")
     expect(page.locator("#difference")).to_contain_text("Name: Bar → Tea bar")
+    model.apply(MovePoi("b", 5.84, 0.0), "Ada")
+    expect(page.locator("#difference")).to_contain_text("moved by 0.16 m")
+    model.apply(MovePoi("b", 5.998, 0.0), "Ada")
+    expect(page.locator("#difference")).to_contain_text("One thing lies elsewhere by less than a centimetre.")
+    expect(page.locator("#difference")).to_have_text(re.compile("Changed: 1Place Tea bar *Name: Bar → Tea bar"))
     press(page, "Name the draft…")
     send(page, Name="Before the summer")
     expect(page.locator("#named")).to_contain_text("Before the summer")

@@ -26,7 +26,7 @@ function isWanted(findings, version, again) {
   const meanwhile = again ? `The draft has been changed meanwhile, it is version ${version} by now. ` : "";
   return sure({
     title: again ? "Publish what it is now?" : "Publish all the same?", yes: "Publish it", no: "Not yet",
-    text: `${meanwhile}Whoever is led by this version is led into what was found, or was never looked at:`,
+    text: `${meanwhile}Walkers would be led by this version as it is. The check says:`,
     extra: el("ul", { class: "changes" }, ...findings.slice(0, SHOWN).map(({ text, action }) => el("li", {}, el("b", {}, text), ` ${action}`)),
       findings.length > SHOWN ? el("li", {}, `and ${findings.length - SHOWN} more`) : null),
   });

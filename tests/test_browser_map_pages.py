@@ -114,7 +114,7 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     expect(page.locator("#steps")).to_contain_text("Found: 1 error, 1 warning.")
     page.get_by_role("button", name="Publish").press("Enter")
     asked = page.get_by_role("dialog")
-    expect(asked).to_contain_text("Bar cannot be reached. Connect it.")
+    expect(asked).to_contain_text("as it is. The check says:Bar cannot be reached. Connect it.")
     asked.get_by_role("button", name="Not yet").press("Enter")
     assert (sent, model.published) == ([{}], published)
     page.get_by_role("button", name="Publish").press("Enter")
@@ -229,6 +229,7 @@ def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, ser
     page.get_by_role("button", name="Rehearse", exact=True).press("Enter")
     expect(page.get_by_role("heading", name="Hall to Bar")).to_be_focused()
     assert sent == [{"start": "a", "destination": "b", "language": "en"}]
+    expect(page.locator("#summary")).to_contain_text("6.0 m, 1:05, 2 sentences, 0 tones.")
     expect(page.locator("#utterances tr")).to_have_count(2)
     expect(page.locator("#utterances tr").last).to_contain_text("1:05")
     expect(page.locator("#utterances tr").last).to_contain_text("at Bar")

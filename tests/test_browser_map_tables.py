@@ -134,6 +134,8 @@ def test_places_are_added_renamed_moved_merged_and_taken_back_by_keys_alone(page
     moved = model.graph.pois["lift-1"]
     assert (moved.x_m, moved.y_m, moved.on_road) == (4.0, 1.5, False)
 
+    model.apply(MovePoi("lift-1", -0.001, 1.5, on_road=False), "Ada")
+    expect(page.get_by_role("row", name=re.compile("Lift A"))).to_contain_text(re.compile(r"(?<!-)0\.00"))
     press(page, "Merge Bar")
     send(page, **{"Which place goes?": "Lift A"})
     expect(page.locator("#places tr")).to_have_count(2)

@@ -8,18 +8,24 @@ import { progressBar } from "./progress.js";
 import { toast } from "./toast.js";
 
 const EXPORTS = [
-  ["site.zip", "The whole site", "One file: map, road, places and connections, with checksums. It can be imported here or elsewhere."],
-  ["graph.geojson", "Places, connections and roads (GeoJSON)", "For maps and other programs; metres of this map."],
-  ["graph.graphml", "Places and connections (GraphML)", "For programs that work on graphs."],
+  ["site.zip", "The whole site", "One file: map, road, places and connections as they are published, with checksums. It can be imported here or elsewhere."],
+  ["graph.geojson", "Places, connections and roads (GeoJSON)", "The draft. For maps and other programs; metres of this map."],
+  ["graph.graphml", "Places and connections (GraphML)", "The draft. For programs that work on graphs."],
   ["cloud.ply", "Point cloud (PLY)", "The points of the building, with colours."],
   ["cloud.pcd", "Point cloud (PCD)", "The same, for programs of the PCL family."],
-  ["road.tum", "Road (TUM trajectory)", "The walked line."],
+  ["road.tum", "Road (TUM trajectory)", "The draft’s road."],
 ];
 const previewed = { file: null, token: "" };
 
-const { me, graph, begin } = await editorPage({ show: () => {} });
+const { me, graph, begin } = await editorPage({ show: showDraft });
 $("exports").replaceChildren(...(me.mayMap ? EXPORTS.map(exportItem) : [el("li", {}, "Your role may not export: ask an editor or a technician.")]));
 $("site-form").closest("section").hidden = !me.mayMap;
+
+/** The whole site is what is published, its parts are what is being edited: said where the two differ. */
+function showDraft({ version, published_version }) {
+  $("exports-differ").hidden = version === published_version || !me.mayMap;
+  setText($("exports-differ"), `The draft is version ${version}; site.zip holds version ${published_version}, which is published. Publish first where the site is to hold what you have edited.`);
+}
 
 function exportItem([file, title, words]) {
   return el("li", {}, el("a", { href: `/api/export/${file}`, download: file, class: "button slim" }, file), el("span", {}, el("b", {}, title), el("br"), el("span", { class: "quiet small" }, words)));

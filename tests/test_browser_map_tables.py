@@ -394,8 +394,10 @@ def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_look
         "geometry": {"type": "Point", "coordinates": [3.0, 0.0]},
     }
     foreign = json.dumps({"type": "FeatureCollection", "features": [point]}).encode()
-    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
     open_page(page, "/exchange")
+    expect(page.locator("#exports-differ")).to_be_hidden()
+    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
+    expect(page.locator("#exports-differ")).to_have_text(re.compile("The draft is version 2; site.zip holds version 1"))
     field = page.get_by_label("File").first
     warned = page.locator("#preview .note.warn")
 

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from console import edits
 from console.graph_delta import GraphDelta, Thing
 from console.graph_log import LogEntry
+from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
+from navcore.planning.projection import project_on_path
 
 _GEOMETRY = ("path_m", "points_m")
+_SAME_LINE_M = 0.01
 _KINDS = {
     "seed": "Took over what the map came with",
     "undo": "Took back",
@@ -121,4 +126,18 @@ def _fields(old: Thing | None, new: Thing | None) -> dict[str, Any]:
         return {}
     first, second = msgspec.to_builtins(old), msgspec.to_builtins(new)
     differing = {name: [first[name], second[name]] for name in first if first[name] != second[name]}
-    return {name: ["", ""] if name in _GEOMETRY else values for name, values in differing.items()}
+    return {
+        name: ["", ""] if name in _GEOMETRY else values
+        for name, values in differing.items()
+        if name not in _GEOMETRY or not _is_same_line(*values)
+    }
+
+
+def _is_same_line(old_m: Sequence[Sequence[float]], new_m: Sequence[Sequence[float]]) -> bool:
+    """Whether no corner of either line lies off the other so far that anybody would see it."""
+    pairs = (np.array(old_m), np.array(new_m))
+    return all(_lies_on(line, other) for line, other in (pairs, pairs[::-1]))
+
+
+def _lies_on(line_m: FloatArray, other_m: FloatArray) -> bool:
+    return all(project_on_path(other_m, x, y).distance_m < _SAME_LINE_M for x, y in line_m)

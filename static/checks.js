@@ -1,12 +1,12 @@
 /* The page Checks: what the checker has found in the draft, and where. */
 
-import { post } from "./api.js";
 import { Checker, SEVERITIES, severityCount } from "./checker.js";
 import { $, badge, el, onChange, setText } from "./dom.js";
 import { editorPage } from "./draft.js";
 import { Plan, whereWords } from "./plan.js";
 import { progressBar } from "./progress.js";
-import { attempt, toast } from "./toast.js";
+import { showInScene } from "./scene.js";
+import { attempt } from "./toast.js";
 
 const bar = progressBar("How far the check is");
 const checker = new Checker(showAll);
@@ -58,18 +58,14 @@ function item(finding) {
   const { kind, mark, one } = SEVERITIES[finding.severity];
   const node = el("li", {}, badge(kind, mark, `${finding.number} · ${one}`),
     el("div", { class: "grow" }, el("p", {}, el("b", {}, finding.text)), el("p", { class: "quiet" }, finding.action), el("p", { class: "small quiet" }, whereWords(graph, finding.x_m, finding.y_m))),
-    el("button", { type: "button", class: "slim", "aria-label": `Show in the scene: ${finding.text}`, onclick: () => showInScene(finding) }, "Show in the scene"));
+    el("button", { type: "button", class: "slim", "aria-label": `Show in the scene: ${finding.text}`, onclick: () => showFinding(finding) }, "Show in the scene"));
   for (const event of ["mouseenter", "focusin"]) node.addEventListener(event, () => plan.point(finding.number));
   return node;
 }
 
-function showInScene({ x_m, y_m, poi_ids, edge_ids, road_ids }) {
+function showFinding({ x_m, y_m, poi_ids, edge_ids, road_ids }) {
   const [kind, id] = poi_ids.length ? ["poi", poi_ids[0]] : edge_ids.length ? ["edge", edge_ids[0]] : road_ids.length ? ["road", road_ids[0]] : [null, null];
-  return attempt(async () => {
-    const { scenes } = await post("/api/view", { point: [x_m, y_m], ...(kind ? { kind, id } : {}) });
-    if (scenes) toast("The scene shows it.");
-    else toast("No scene is open: open the page Console in another window, and try again.");
-  });
+  return showInScene({ point: [x_m, y_m], ...(kind ? { kind, id } : {}) });
 }
 
 await graph.fetch();

@@ -125,17 +125,33 @@ async function previewOf(graph, edit) {
 }
 
 async function propose(graph) {
-  const base = graph.data.version;
-  let proposed = null;
-  await attempt(async () => { proposed = await post("/api/preview", { edit: "propose_edges" }); }, "Looking for neighbours…");
-  if (proposed === null) return;
-  const { changes, lengths_m } = proposed;
+  let shown = null;
+  await attempt(async () => { shown = await proposed(); }, "Looking for neighbours…");
+  for (let again = false; shown !== null; again = true) shown = await acceptOrShowAnew(graph, shown, again);
+}
+
+const proposed = () => post("/api/preview", { edit: "propose_edges" });
+
+/** Show what is proposed, and make it where it is accepted. Where the draft has changed meanwhile so that something else is
+ *  proposed, nothing is made: returns that, to be shown; else null. */
+async function acceptOrShowAnew(graph, shown, again) {
+  const { changes, lengths_m } = shown;
   const rows = changes.map(({ id, name }) => el("tr", {}, el("th", { scope: "row" }, name), el("td", { class: "number" }, metres(lengths_m[id]))));
   const list = el("div", { class: "scroll", tabindex: "0", role: "region", "aria-label": "Connections that are proposed" },
     el("table", {}, el("thead", {}, el("tr", {}, el("th", { scope: "col" }, "Connection"), el("th", { scope: "col", class: "number" }, "Length"))), el("tbody", {}, ...rows)));
   const many = changes.length === 1 ? "One connection" : `${changes.length} connections`;
+  const meanwhile = again ? "The draft has been changed meanwhile, and nothing was accepted yet: this is what is proposed now. " : "";
+  let anew = null;
   await openForm({
-    title: `${many} proposed`, lead: "Neighbours along the road that are not connected yet. Nothing is changed before you accept; one undo takes all of them back.",
-    fields: [], extra: list, submitText: "Accept all", submit: () => graph.edit({ edit: "propose_edges" }, base),
+    title: `${many} proposed`, lead: `${meanwhile}Neighbours along the road that are not connected yet. Nothing is changed before you accept; one undo takes all of them back.`,
+    fields: [], extra: list, submitText: "Accept all",
+    submit: async () => {
+      const now = await proposed();
+      if (isSame(now, shown)) await graph.edit({ edit: "propose_edges" }, now.version);
+      else anew = now;
+    },
   });
+  return anew;
 }
+
+const isSame = (one, other) => JSON.stringify([one.changes, one.lengths_m]) === JSON.stringify([other.changes, other.lengths_m]);

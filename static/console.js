@@ -3,6 +3,7 @@ import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
 import { undoKeys } from "./keys.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
+import { showWhatWasAsked } from "./scene.js";
 import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
 import { attempt, toast } from "./toast.js";
@@ -196,3 +197,4 @@ follow(showLive);
 
 ready();
 if (me.mayEdit) tourOnFirstVisit(me);
+showWhatWasAsked();

@@ -78,9 +78,15 @@ export function commandBadge(state) {
   return badge(...COMMAND_STATES[state]);
 }
 
+/** A number with so many digits after the point; nothing is never "-0.00". */
+export function decimals(value, digits = 2) {
+  const text = value.toFixed(digits);
+  return Number(text) === 0 ? text.replace("-", "") : text;
+}
+
 /** "3.2 m", or a dash where there is nothing. */
 export function metres(value, digits = value < 9.95 ? 1 : 0) {
-  return value === null || value === undefined ? "–" : `${value.toFixed(digits)} m`;
+  return value === null || value === undefined ? "–" : `${decimals(value, digits)} m`;
 }
 
 /** "now", "4 s ago", "3 min ago". */

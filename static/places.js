@@ -1,6 +1,6 @@
 /* The table of places, and what is done to one. */
 
-import { $, badge, el, setText } from "./dom.js";
+import { $, badge, decimals, el, setText } from "./dom.js";
 import { openForm } from "./form.js";
 import { inListOrder, KIND_NAMES } from "./graph.js";
 import { placeOptions, placeTowards, positionFields, positionOf } from "./position.js";
@@ -17,15 +17,15 @@ export function placesTable(graph, me, whoIsAt) {
     { key: "name", title: "Name", head: true, text: ({ name }) => name, cell: (poi) => [poi.name, whoIsAt("poi", poi.id) && badge("info", "✎", whoIsAt("poi", poi.id))].filter(Boolean) },
     { key: "kind", title: "Kind", text: ({ kind }) => KIND_NAMES[kind] },
     { key: "spoken", title: "Spoken as", class: "wide", text: spoken, cell: (poi) => (poi.spoken_name ? poi.spoken_name : el("span", { class: "quiet" }, spoken(poi))) },
-    { key: "x", title: "x", class: "number wide wider", text: ({ x_m }) => x_m.toFixed(2) },
-    { key: "y", title: "y", class: "number wide wider", text: ({ y_m }) => y_m.toFixed(2) },
+    { key: "x", title: "x", class: "number wide wider", text: ({ x_m }) => decimals(x_m) },
+    { key: "y", title: "y", class: "number wide wider", text: ({ y_m }) => decimals(y_m) },
     { key: "ways", title: "Connections", class: "wide", text: (poi) => (poi.on_road ? ways(degree.get(poi.id) ?? 0) : "free-standing") },
     { key: "actions", title: "Actions", class: "actions", plain: true, cell: (poi) => (me.mayEdit ? actions(graph, poi) : "") },
   ];
   const table = new Table({
     place: $("panel-places"), name: "places", label: "Places", columns, key: ({ id }) => id, mark: ({ id }) => [whoIsAt("poi", id), degree.get(id)],
     searchHint: "Name, kind…",
-    empty: [el("p", {}, el("b", {}, "No place is tagged yet.")), el("p", {}, me.mayEdit ? "“Add a place” asks for its name, kind and position; or click on the road in the scene." : "An editor tags them.")],
+    empty: [el("p", {}, el("b", {}, "No place is tagged yet.")), el("p", {}, me.mayEdit ? "“Add a place” asks for its name, kind and position; or press 2 (Tag a place) in the scene, and click on the road." : "An editor tags them.")],
   });
   $("add-poi").addEventListener("click", () => addPlace(graph));
   return {
@@ -105,7 +105,7 @@ function nudges(graph, poi, move) {
     try {
       await move({ ...(await placeTowards(poi.id, towards.value, step_m)), on_road: true });
       const now = graph.poi(poi.id);
-      setText(said, `${now.name} is now at ${now.x_m.toFixed(2)}, ${now.y_m.toFixed(2)}.`);
+      setText(said, `${now.name} is now at ${decimals(now.x_m)}, ${decimals(now.y_m)}.`);
     } catch (error) {
       setText(said, error.message);
     }

@@ -1,6 +1,6 @@
 /* The floor plan with marks on it: the console's picture where it makes one, else the places and connections as a drawing. */
 
-import { el, setText } from "./dom.js";
+import { decimals, el, setText } from "./dom.js";
 
 const SVG = "http://www.w3.org/2000/svg";
 const DARK = matchMedia("(prefers-color-scheme: dark)");
@@ -110,7 +110,7 @@ export function whereWords(graph, x_m, y_m) {
     const away_m = Math.hypot(poi.x_m - x_m, poi.y_m - y_m);
     if (nearest === null || away_m < nearest.away_m) nearest = { away_m, name: poi.name };
   }
-  const at = [x_m, y_m].map((value) => (Math.abs(value) < 0.05 ? 0 : value).toFixed(1)).join(", ");
+  const at = [x_m, y_m].map((value) => decimals(value, 1)).join(", ");
   if (nearest === null) return at;
   return nearest.away_m < 0.5 ? `at ${nearest.name} (${at})` : `${nearest.away_m.toFixed(1)} m from ${nearest.name} (${at})`;
 }

@@ -1,6 +1,7 @@
 /* Where a place is, without pointing at it: so many metres along the road, or coordinates. */
 
 import { get } from "./api.js";
+import { decimals } from "./dom.js";
 import { inListOrder, roadName } from "./graph.js";
 
 const WAYS = { between: "From a place towards another one", road: "From the beginning of a road", xy: "By coordinates" };
@@ -20,8 +21,8 @@ export function positionFields(graph, way, poi) {
     { name: "from_id", label: "From", type: "select", required: true, span: 2, options: places, shown: when("between") },
     { name: "towards_id", label: "Towards", type: "select", required: true, span: 2, options: places, shown: when("between") },
     { name: "road_id", label: "Road", type: "select", required: true, span: 2, options: roads, shown: when("road") },
-    { name: "x_m", label: "x (metres)", type: "number", required: true, value: poi?.x_m.toFixed(3), span: 3, shown: when("xy") },
-    { name: "y_m", label: "y (metres)", type: "number", required: true, value: poi?.y_m.toFixed(3), span: 3, shown: when("xy") },
+    { name: "x_m", label: "x (metres)", type: "number", required: true, value: poi && decimals(poi.x_m, 3), span: 3, shown: when("xy") },
+    { name: "y_m", label: "y (metres)", type: "number", required: true, value: poi && decimals(poi.y_m, 3), span: 3, shown: when("xy") },
     { name: "free", label: "Free position, off the road", type: "check", value: poi ? !poi.on_road : false, shown: when("xy"),
       hint: "A free-standing place is shown, but nobody is led to it." },
   ];

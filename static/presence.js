@@ -49,8 +49,8 @@ export function othersAt(people) {
 export function peopleLine(graph) {
   return onChange((people) => {
     const others = people.filter(({ you }) => !you);
-    $("people").hidden = others.length === 0;
-    $("people").replaceChildren(...(others.length ? [el("b", {}, "Also here: "), [...new Set(others.map((person) => words(person, graph)))].join("; ")] : []));
+    $("also-here").hidden = others.length === 0;
+    $("also-here").replaceChildren(...(others.length ? [el("b", {}, "Also here: "), [...new Set(others.map((person) => words(person, graph)))].join("; ")] : []));
   });
 }
 

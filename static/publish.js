@@ -6,19 +6,28 @@ import { sure } from "./form.js";
 
 const SHOWN = 8;
 
-/** Publish the draft and return the graph; null where somebody thought better of it. */
+/** Publish the draft and return the graph; null where somebody thought better of it. Only the version whose errors were
+ *  shown is confirmed: where the draft has changed meanwhile, the new one's are shown, and it is asked again. */
 export async function publish() {
-  try {
-    return await post("/api/publish", {});
-  } catch (error) {
-    const { findings } = error.details;
-    if (!findings) throw error;
-    const yes = await sure({
-      title: "Publish all the same?", yes: "Publish it", no: "Not yet",
-      text: "Whoever is led by this version is led into what was found, or was never looked at:",
-      extra: el("ul", { class: "changes" }, ...findings.slice(0, SHOWN).map(({ text, action }) => el("li", {}, el("b", {}, text), ` ${action}`)),
-        findings.length > SHOWN ? el("li", {}, `and ${findings.length - SHOWN} more`) : null),
-    });
-    return yes ? post("/api/publish", { confirmed: true }) : null;
+  let said = {};
+  for (;;) {
+    try {
+      return await post("/api/publish", said);
+    } catch (error) {
+      const { findings, version } = error.details;
+      if (!findings) throw error;
+      if (!(await isWanted(findings, version, "version" in said))) return null;
+      said = { confirmed: true, version };
+    }
   }
+}
+
+function isWanted(findings, version, again) {
+  const meanwhile = again ? `The draft has been changed meanwhile, it is version ${version} by now. ` : "";
+  return sure({
+    title: again ? "Publish what it is now?" : "Publish all the same?", yes: "Publish it", no: "Not yet",
+    text: `${meanwhile}Walkers would be led by this version as it is. The check says:`,
+    extra: el("ul", { class: "changes" }, ...findings.slice(0, SHOWN).map(({ text, action }) => el("li", {}, el("b", {}, text), ` ${action}`)),
+      findings.length > SHOWN ? el("li", {}, `and ${findings.length - SHOWN} more`) : null),
+  });
 }

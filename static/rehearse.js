@@ -81,7 +81,7 @@ $("tones").addEventListener("change", () => result && showList());
 function markStale({ version }) {
   if (!result) return;
   const { refusal, length_m, total_s, utterances, graph_version } = result;
-  const words = refusal ? `Nobody is led there: ${refusal}` : `${metres(length_m)}, ${clock(total_s)} minutes, ${count(utterances.filter(({ text }) => text).length, "sentence")}, ${count(utterances.filter(({ text }) => !text).length, "tone")}.`;
+  const words = refusal ? `Nobody is led there: ${refusal}` : `${metres(length_m)}, ${clock(total_s)}, ${count(utterances.filter(({ text }) => text).length, "sentence")}, ${count(utterances.filter(({ text }) => !text).length, "tone")}.`;
   const old = graph_version !== version ? [badge("warn", "▲", `of version ${graph_version}; the draft is ${version}: rehearse it again`)] : [];
   $("summary").replaceChildren(badge(refusal ? "bad" : "good", refusal ? "✕" : "✓", refusal ? "refused" : "arrives"), ` ${words} `, ...old);
 }

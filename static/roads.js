@@ -1,6 +1,6 @@
 /* The table of roads, and what is done to one. */
 
-import { $, badge, el, metres } from "./dom.js";
+import { $, badge, decimals, el, metres } from "./dom.js";
 import { openForm } from "./form.js";
 import { roadName } from "./graph.js";
 import { placeOnRoad, placeOptions } from "./position.js";
@@ -10,7 +10,7 @@ import { Table } from "./table.js";
 const ORIGINS = { recorded: "recorded by walking", drawn: "drawn by hand" };
 
 export function roadsTable(graph, me, whoIsAt) {
-  const point = ([x, y]) => `${x.toFixed(2)}, ${y.toFixed(2)}`;
+  const point = ([x, y]) => `${decimals(x)}, ${decimals(y)}`;
   const columns = [
     { key: "name", title: "Road", head: true, text: ({ id }) => roadName(id), cell: ({ id }) => [roadName(id), whoIsAt("road", id) && badge("info", "✎", whoIsAt("road", id))].filter(Boolean) },
     { key: "origin", title: "Origin", text: ({ origin }) => ORIGINS[origin] },

@@ -54,7 +54,7 @@ function build() {
     el("button", { type: "button", class: "plain slim", id: "sign-out", onclick: () => attempt(signOut) }, "Sign out"));
   document.querySelector("header.top").append(brand, menu, nav, who);
   document.querySelector("header.top").after(
-    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), el("p", { class: "people", id: "people", role: "status", hidden: true }));
+    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
   document.body.append(el("div", { class: "toasts", id: "toasts", role: "status", "aria-live": "polite" }));
 }
 

@@ -5,7 +5,7 @@ import { el, setText } from "./dom.js";
 
 const STEPS = [
   { title: "The map is a road", text: "A sighted person walked through the building once. Where they walked is the virtual blind road: everything else lies on it. The console shows it in 3D." },
-  { title: "Tag places", text: "A place has a name that the walker hears, and lies so many metres along the road. Click on the road in the scene, or use “Add a place” on the page Places." },
+  { title: "Tag places", text: "A place has a name that the walker hears, and lies so many metres along the road. Press 2 (Tag a place) and click on the road in the scene, or use “Add a place” on the page Places." },
   { title: "Connect them", text: "A connection is the piece of road between two places. “Propose connections” shows the whole graph at once; you accept it, and correct it." },
   { title: "Check and rehearse", text: "The page Checks finds what would trouble a walker. The page Rehearse says every sentence of a route, without anyone walking." },
   { title: "Publish", text: "What you edit is a draft, and every step can be taken back. A walker’s device gets it when you publish, and takes it at the next stop." },

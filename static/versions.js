@@ -5,10 +5,11 @@ import { changesList } from "./changes.js";
 import { Checker, SEVERITIES, severityCount } from "./checker.js";
 import { $, badge, el, onChange, setText } from "./dom.js";
 import { editorPage } from "./draft.js";
-import { openForm } from "./form.js";
+import { openForm, sure } from "./form.js";
 import { attempt, toast } from "./toast.js";
 
 const HISTORY_AT_ONCE = 25;
+const SINCE_SHOWN = 8;
 let shownCount = HISTORY_AT_ONCE;
 let history = [];
 let versions = { versions: [] };
@@ -122,10 +123,36 @@ function actions(version, words) {
 }
 
 function rollBack(version) {
+  const seen = versions.draft;
   return attempt(async () => {
-    graph.take(await post(`/api/versions/${version}/roll-back`));
-    toast(`The draft is as it was in version ${version}.`, { action: "Undo", onAction: () => graph.undo() });
+    if (await goneBack(version, seen)) toast(`The draft is as it was in version ${version}.`, { action: "Undo", onAction: () => graph.undo() });
   }, "Going back…");
+}
+
+/** Go back from the draft that was seen. What has been changed since is shown first, and is taken back only by whoever
+ *  says so. Returns false where somebody thought better of it. */
+async function goneBack(version, seen) {
+  for (;;) {
+    try {
+      graph.take(await post(`/api/versions/${version}/roll-back`, { base_version: seen }));
+      return true;
+    } catch (error) {
+      if (error.status !== 409) throw error;
+      const since = (await get("/api/history")).history.filter((one) => one.version > seen);
+      if (since.length === 0) throw error;
+      if (!(await isWantedBack(version, since))) return false;
+      seen = since[0].version;
+    }
+  }
+}
+
+function isWantedBack(version, since) {
+  return sure({
+    title: `Go back to version ${version} all the same?`, yes: "Go back",
+    text: "The draft has been changed since it was shown to you, and going back takes this away too:",
+    extra: el("ul", { class: "changes" }, ...since.slice(0, SINCE_SHOWN).map(({ author, words, at_s }) => el("li", {}, el("b", {}, author), ` ${words} (${when(at_s)})`)),
+      since.length > SINCE_SHOWN ? el("li", {}, `and ${since.length - SINCE_SHOWN} more`) : null),
+  });
 }
 
 const showNamed = onChange(({ versions: rows }) => {

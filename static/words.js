@@ -1,5 +1,6 @@
 /* Fields of places, connections and roads as people read them, for conflicts and differences. */
 
+import { decimals } from "./dom.js";
 import { KIND_NAMES, roadName } from "./graph.js";
 
 const FIELDS = {
@@ -22,7 +23,7 @@ export function valueWords(field, value, nameOf = (id) => id) {
   if (field === "caution_side") return SIDES[value] ?? value;
   if (field === "a" || field === "b") return nameOf(value);
   if (field === "cost_multiplier") return `× ${value}`;
-  if (field.endsWith("_m")) return `${Number(value).toFixed(2)} m`;
+  if (field.endsWith("_m")) return `${decimals(Number(value))} m`;
   return String(value);
 }
 

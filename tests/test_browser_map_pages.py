@@ -13,7 +13,7 @@ import pytest
 from browser import become_admin, chromium, until, without_tour
 from playwright.sync_api import Browser, Page, Route, expect
 
-from console.edits import UpdatePoi
+from console.edits import SetEdge, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -103,8 +103,8 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     published = model.published
 
     def answer(_: str, body: Any) -> Any:
-        if body != {"confirmed": True}:
-            return {"status": 409, "json": {"error": "The draft has one error.", "findings": FINDINGS[:1]}}
+        if body != {"confirmed": True, "version": 2}:
+            return refused_publication(2, FINDINGS[:1])
         model.publish("Ada")
         return {"json": page.request.get("/api/graph").json()}
 
@@ -114,13 +114,98 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
     expect(page.locator("#steps")).to_contain_text("Found: 1 error, 1 warning.")
     page.get_by_role("button", name="Publish").press("Enter")
     asked = page.get_by_role("dialog")
-    expect(asked).to_contain_text("Bar cannot be reached. Connect it.")
+    expect(asked).to_contain_text("as it is. The check says:Bar cannot be reached. Connect it.")
     asked.get_by_role("button", name="Not yet").press("Enter")
     assert (sent, model.published) == ([{}], published)
     page.get_by_role("button", name="Publish").press("Enter")
     asked.get_by_role("button", name="Publish it").press("Enter")
     expect(page.locator("#steps")).to_contain_text("Version 2 is what is published.")
-    assert sent == [{}, {}, {"confirmed": True}]
+    assert sent == [{}, {}, {"confirmed": True, "version": 2}]
+
+
+def refused_publication(version: int, findings: list[dict[str, Any]]) -> dict[str, Any]:
+    return {"status": 409, "json": {"error": "The draft has errors.", "findings": findings, "version": version}}
+
+
+def test_what_was_confirmed_is_published_and_not_what_the_draft_has_become_meanwhile(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    model.apply(UpdatePoi("b", name="Tea bar"), "Bea")
+
+    def answer(_: str, body: Any) -> Any:
+        if body == {"confirmed": True, "version": 2}:
+            # Somebody edits while the errors of version 2 are being read.
+            model.apply(UpdatePoi("b", name="Coffee bar"), "Bea")
+        if body != {"confirmed": True, "version": 3}:
+            return refused_publication(model.graph.version, FINDINGS[model.graph.version - 2 :])
+        model.publish("Ada", 3)
+        return {"json": page.request.get("/api/graph").json()}
+
+    answering(page, "/api/check", lambda *_: {"json": state("none")})
+    sent = answering(page, "/api/publish", answer)
+    page.goto("/versions")
+    expect(page.locator("#steps")).to_contain_text("Version 2;")
+    page.get_by_role("button", name="Publish").press("Enter")
+    page.get_by_role("dialog", name="Publish all the same?").get_by_role("button", name="Publish it").press("Enter")
+    again = page.get_by_role("dialog", name="Publish what it is now?")
+    expect(again).to_contain_text("The draft has been changed meanwhile, it is version 3 by now.")
+    expect(again).to_contain_text("Hall – Bar is 0.5 m wide.")
+    expect(again.get_by_role("button", name="Not yet")).to_be_focused()
+    assert model.published.version == 1
+    again.get_by_role("button", name="Publish it").press("Enter")
+    expect(page.locator("#steps")).to_contain_text("Version 3 is what is published.")
+    assert sent == [{}, {"confirmed": True, "version": 2}, {"confirmed": True, "version": 3}]
+
+
+def test_going_back_over_what_somebody_did_meanwhile_is_asked_again_and_only_then_done(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
+    sent: list[Any] = []
+
+    def judge(route: Route) -> None:
+        sent.append(json.loads(route.request.post_data or "null"))
+        if len(sent) <= 2:
+            model.apply(SetEdge("a-b", closed=len(sent) == 1), "Bea")
+        if sent[-1] == {"base_version": model.graph.version}:
+            return route.continue_()
+        return route.fulfill(status=409, json={"error": "The draft has been changed meanwhile."})
+
+    page.route("**/roll-back", judge)
+    page.goto("/versions")
+    back = page.get_by_role("button", name="Go back to version 1").first
+    asked = page.get_by_role("dialog", name="Go back to version 1 all the same?")
+    back.press("Enter")
+    expect(asked.get_by_role("listitem")).to_have_count(1)
+    expect(asked.get_by_role("listitem")).to_contain_text("Bea Changed a connection")
+    asked.get_by_role("button", name="Leave it as it is").press("Enter")
+    expect(asked).to_have_count(0)
+    assert (model.graph.version, model.graph.edges["a-b"].closed) == (3, True)
+
+    expect(page.locator("#history")).to_contain_text("Changed a connection")
+    back.press("Enter")
+    expect(asked.get_by_role("listitem")).to_have_count(1)
+    asked.get_by_role("button", name="Go back").press("Enter")
+    until(page, lambda: model.graph.pois["b"].name == "Bar", "the version to be back")
+    expect(page.locator("#toasts")).to_contain_text("The draft is as it was in version 1.")
+    assert sent == [{"base_version": 2}, {"base_version": 3}, {"base_version": 4}]
+
+
+def test_the_page_admin_lists_the_people(page: Page, server: ConsoleServer) -> None:
+    invited = page.request.post(
+        "/api/users", data={"name": "Bea", "role": "editor"}, headers={"Origin": server.ready.url}
+    )
+    assert invited.status == 201
+    page.goto("/admin")
+    people = page.get_by_role("region", name="People").get_by_role("row")
+    expect(people).to_have_count(3)
+    expect(people.filter(has_text="Ada")).to_contain_text("active")
+    expect(people.filter(has_text="Bea")).to_contain_text("invited")
+    expect(page.get_by_label("Role of Bea")).to_have_value("editor")
+    ids = page.evaluate("[...document.querySelectorAll('[id]')].map(({ id }) => id)")
+    assert len(ids) == len(set(ids))
 
 
 def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:
@@ -144,6 +229,7 @@ def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, ser
     page.get_by_role("button", name="Rehearse", exact=True).press("Enter")
     expect(page.get_by_role("heading", name="Hall to Bar")).to_be_focused()
     assert sent == [{"start": "a", "destination": "b", "language": "en"}]
+    expect(page.locator("#summary")).to_contain_text("6.0 m, 1:05, 2 sentences, 0 tones.")
     expect(page.locator("#utterances tr")).to_have_count(2)
     expect(page.locator("#utterances tr").last).to_contain_text("1:05")
     expect(page.locator("#utterances tr").last).to_contain_text("at Bar")

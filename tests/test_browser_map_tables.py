@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 
@@ -11,7 +12,7 @@ from console_room import Person, invited
 from link_processes import ConsoleProcess
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
-from console.edits import DeletePoi, UpdatePoi
+from console.edits import AddPoi, DeleteEdge, DeletePoi, MovePoi, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -133,6 +134,8 @@ def test_places_are_added_renamed_moved_merged_and_taken_back_by_keys_alone(page
     moved = model.graph.pois["lift-1"]
     assert (moved.x_m, moved.y_m, moved.on_road) == (4.0, 1.5, False)
 
+    model.apply(MovePoi("lift-1", -0.001, 1.5, on_road=False), "Ada")
+    expect(page.get_by_role("row", name=re.compile("Lift A"))).to_contain_text(re.compile(r"(?<!-)0\.00"))
     press(page, "Merge Bar")
     send(page, **{"Which place goes?": "Lift A"})
     expect(page.locator("#places tr")).to_have_count(2)
@@ -180,6 +183,26 @@ def test_connections_are_proposed_split_changed_and_deleted_by_keys_alone(page: 
     expect(dialog).to_contain_text("Hall and Bar are 6.0 m apart along the road.")
     dialog.get_by_role("button", name="Connect").press("Enter")
     expect(page.locator("#edges tr")).to_have_count(3)
+
+
+def test_connections_that_nobody_was_shown_are_not_accepted(page: Page, server: ConsoleServer) -> None:
+    model = server.services.model
+    model.apply(DeleteEdge("a-b"), "Bea")
+    open_page(page, "/pois#connections")
+    press(page, "Propose connections…")
+    dialog = page.get_by_role("dialog")
+    expect(dialog).to_contain_text("One connection proposed")
+    model.apply(UpdatePoi("b", notes="By the window."), "Bea")
+    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
+    dialog.get_by_role("button", name="Accept all").press("Enter")
+    expect(dialog).to_contain_text("2 connections proposed")
+    expect(dialog).to_contain_text("The draft has been changed meanwhile, and nothing was accepted yet")
+    assert not model.graph.edges
+
+    # What changes nothing of what is proposed is no reason to ask again.
+    model.apply(UpdatePoi("b", notes="By the door."), "Bea")
+    send(page)
+    assert {edge.length_m for edge in model.graph.edges.values()} == {2.0, 4.0}
 
 
 def test_roads_are_drawn_trimmed_smoothed_split_joined_and_deleted_by_keys_alone(
@@ -235,7 +258,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     bea = other_person(browser, server, failures)
     open_page(page, "/pois")
     open_page(bea, "/pois")
-    expect(page.locator("#people")).to_contain_text("Bea, in the tables")
+    expect(page.locator("#also-here")).to_contain_text("Bea, in the tables")
 
     # Bea types a name; meanwhile Ada renames the same place, and sees that Bea is at it.
     press(bea, "Edit Bar")
@@ -272,7 +295,7 @@ def test_two_people_see_each_other_and_a_conflict_shows_both_versions(
     both.get_by_role("button", name="Keep theirs").press("Enter")
     expect(bea.get_by_role("dialog")).to_have_count(0)
     bea.context.close()
-    expect(page.locator("#people")).to_be_hidden()
+    expect(page.locator("#also-here")).to_be_hidden()
 
 
 def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, server: ConsoleServer) -> None:
@@ -299,6 +322,11 @@ def test_versions_are_named_compared_gone_back_to_and_published(page: Page, serv
     model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
     open_page(page, "/versions")
     expect(page.locator("#difference")).to_contain_text("Name: Bar → Tea bar")
+    model.apply(MovePoi("b", 5.84, 0.0), "Ada")
+    expect(page.locator("#difference")).to_contain_text("moved by 0.16 m")
+    model.apply(MovePoi("b", 5.998, 0.0), "Ada")
+    expect(page.locator("#difference")).to_contain_text("One thing lies elsewhere by less than a centimetre.")
+    expect(page.locator("#difference")).to_have_text(re.compile("Changed: 1Place Tea bar *Name: Bar → Tea bar"))
     press(page, "Name the draft…")
     send(page, Name="Before the summer")
     expect(page.locator("#named")).to_contain_text("Before the summer")
@@ -337,11 +365,52 @@ def test_bad_files_are_refused_beside_the_field_and_change_nothing(page: Page, s
     expect(page.get_by_role("heading", name="What good.geojson would change")).to_be_focused()
     expect(page.locator("#preview")).to_contain_text("Name: Bar → Tea bar")
     assert server.services.model.graph == before
+
+    # What was said of one file goes when another one is chosen: what is imported is the file that stands in the field.
+    page.get_by_label("File").first.set_input_files({"name": "bad.geojson", "mimeType": "", "buffer": b"{"})
+    expect(page.locator("#preview")).to_be_hidden()
+    press(page, "Look at it")
+    expect(page.locator("#graph-problem")).not_to_be_empty()
+    expect(page.locator("#preview")).to_be_hidden()
+    page.get_by_label("File").first.set_input_files({"name": "good.geojson", "mimeType": "", "buffer": good})
+    expect(page.locator("#graph-problem")).to_be_empty()
+    press(page, "Look at it")
+    expect(page.get_by_role("heading", name="What good.geojson would change")).to_be_focused()
     press(page, "Import it")
     expect(page.locator("#toasts")).to_contain_text("good.geojson is imported")
     assert server.services.model.graph.pois["b"].name == "Tea bar"
     press(page, "Undo")
     until(page, lambda: server.services.model.graph.pois == before.pois, "the import to be taken back")
+
+
+def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_looked_at(
+    page: Page, server: ConsoleServer
+) -> None:
+    model = server.services.model
+    whole = page.request.get("/api/export/graph.geojson").body()
+    point = {
+        "type": "Feature",
+        "properties": {"name": "Kiosk"},
+        "geometry": {"type": "Point", "coordinates": [3.0, 0.0]},
+    }
+    foreign = json.dumps({"type": "FeatureCollection", "features": [point]}).encode()
+    open_page(page, "/exchange")
+    expect(page.locator("#exports-differ")).to_be_hidden()
+    model.apply(AddPoi("Lift", "lift", 2.0, 0.0), "Bea")
+    expect(page.locator("#exports-differ")).to_have_text(re.compile("The draft is version 2; site.zip holds version 1"))
+    field = page.get_by_label("File").first
+    warned = page.locator("#preview .note.warn")
+
+    field.set_input_files({"name": "whole.geojson", "mimeType": "", "buffer": whole})
+    press(page, "Look at it")
+    expect(warned).to_contain_text("whatever is not in it is deleted (one thing here)")
+    expect(page.locator("#preview")).to_contain_text("Place Lift")
+    press(page, "Leave it")
+    field.set_input_files({"name": "foreign.geojson", "mimeType": "", "buffer": foreign})
+    press(page, "Look at it")
+    expect(warned).to_have_count(1)
+    expect(warned).to_contain_text("The file does not say where it lies")
+    assert "Lift" in {poi.name for poi in model.graph.pois.values()}
 
 
 def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(

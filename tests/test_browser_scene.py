@@ -246,6 +246,26 @@ def console_moves(console: ConsoleServer) -> bool:
 
 
 @pytest.mark.slow
+def test_a_finding_is_shown_in_the_console_s_own_scene_where_none_is_open(page: Page, console: ConsoleServer) -> None:
+    finding = {
+        "code": "narrow", "severity": "warning", "text": "The bar is narrow.", "action": "Measure it.", "x_m": 10.0,
+        "y_m": -6.0, "poi_ids": ["bar"], "edge_ids": [], "road_ids": [],
+    }  # fmt: skip
+    checked = {"stage": "done", "draft_version": 5, "percent": 100, "version": 5, "is_stale": False, "sentence": ""}
+    page.route("**/api/check", lambda route: route.fulfill(json={**checked, "findings": [finding]}))
+    page.goto(f"{console.ready.url}/checks")
+    page.get_by_role("button", name="Show in the scene: The bar is narrow.").press("Enter")
+    page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
+    until(page, lambda: "bar" in selected(console), "the scene to show the bar")
+    assert page.evaluate("sessionStorage['show-in-scene']") is None
+
+
+def selected(console: ConsoleServer) -> set[str]:
+    """The identifiers of what somebody has selected in a scene."""
+    return {present.thing[1] for present in console.services.presence.windows() if present.thing is not None}
+
+
+@pytest.mark.slow
 def test_the_scene_is_light_where_the_browser_asks_for_it(browser: Browser, console: ConsoleServer) -> None:
     context = browser.new_context(viewport={"width": 1000, "height": 600}, color_scheme="light")
     page = context.new_page()

@@ -294,6 +294,19 @@ def test_merging_loses_nothing_that_keeps_a_walker_from_harm(setting: dict, what
     assert list(merged.edges) == ["e2"]
 
 
+@pytest.mark.parametrize("setting", [{"closed": True}, {"one_way": True}, {"caution_side": "left"}])
+def test_merging_does_not_lead_others_along_a_closed_piece_as_an_open_one(setting: dict) -> None:
+    network = network_of(ROADS)
+    graph = edits.add_edge(graph_with(("A", 2, 0), ("C", 12, 0), ("D", 18, 0)), network, "a", "c")
+    graph = edits.set_edge(graph, "e1", **setting)
+    assert edits.merge_pois(graph, network, "a", "c").edges == {}
+    graph = edits.add_edge(graph, network, "c", "d")
+    with pytest.raises(InputError, match="The connection of A and C is closed, one-way or has a side of caution"):
+        edits.merge_pois(graph, network, "a", "c")
+    open_again = edits.set_edge(graph, "e1", closed=False, one_way=False, caution_side="none")
+    assert list(edits.merge_pois(open_again, network, "a", "c").edges) == ["e2"]
+
+
 def test_a_place_on_an_edge_makes_two_edges_that_are_walked_alike() -> None:
     graph = joined(("A", 2, 0), ("C", 12, 0))
     graph = edits.set_edge(graph, "e1", one_way=True, width_m=0.9, caution_side="left", cost_multiplier=3.0)

@@ -110,12 +110,13 @@ def merge_pois(graph: PoiGraph, network: RoadNetwork, poi_id: str, other_id: str
     """Make one place of two: ``other_id`` goes, its edges lead to ``poi_id``, which stays as it is.
 
     Edges that follow are treated as where a place is moved. An edge between the two goes as well, and of two edges to
-    the same place the one that ``poi_id`` had stays. Raises InputError where one is unknown, an edge cannot follow, or
+    the same place the one that ``poi_id`` had stays. Raises InputError where one is unknown, an edge cannot follow,
     two edges to the same place differ in whether they are closed, in the direction in which they may be walked, or in
-    the side of caution.
+    the side of caution, or the edge that goes has one of these while others would lead along there.
     """
     if _poi(graph, poi_id) is _poi(graph, other_id):
         raise InputError(f"Merging takes two different places, not {graph.pois[poi_id].name} twice.")
+    _refuse_between(graph, poi_id, other_id)
     pois = {key: poi for key, poi in graph.pois.items() if key != other_id}
     edges = {key: edge for key, edge in graph.edges.items() if other_id not in (edge.a, edge.b)}
     kept = {frozenset((edge.a, edge.b)): edge for edge in edges.values()}
@@ -340,6 +341,18 @@ def _same_corridor(old_m: FloatArray, new_m: FloatArray, slide_m: FloatArray) ->
     known_m = np.vstack([evenly_spaced(old_m, SPACING_M), evenly_spaced(slide_m, SPACING_M)])
     far_m, _ = cKDTree(known_m).query(evenly_spaced(new_m, SPACING_M))
     return bool(np.max(far_m) < _SAME_CORRIDOR_M)
+
+
+def _refuse_between(graph: PoiGraph, poi_id: str, other_id: str) -> None:
+    between = edge_between(graph, poi_id, other_id)
+    if between is None or not (between.closed or between.one_way or between.caution_side != "none"):
+        return
+    if any(other_id in (edge.a, edge.b) for edge in graph.edges.values() if edge is not between):
+        first, other = graph.pois[poi_id].name, graph.pois[other_id].name
+        raise InputError(
+            f"The connection of {first} and {other} is closed, one-way or has a side of caution, and those of {other}"
+            " would lead along there without it: set these alike first, and then delete that connection."
+        )
 
 
 def _refuse_differing(graph: PoiGraph, kept: Edge, going: Edge, merged: tuple[str, str]) -> None:

@@ -256,11 +256,11 @@ def test_a_finding_is_shown_in_the_console_s_own_scene_where_none_is_open(page: 
     page.goto(f"{console.ready.url}/checks")
     page.get_by_role("button", name="Show in the scene: The bar is narrow.").press("Enter")
     page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
-    until(page, lambda: "bar" in selected(console), "the scene to show the bar")
+    until(page, lambda: "bar" in selected_ids(console), "the scene to show the bar")
     assert page.evaluate("sessionStorage['show-in-scene']") is None
 
 
-def selected(console: ConsoleServer) -> set[str]:
+def selected_ids(console: ConsoleServer) -> set[str]:
     """The identifiers of what somebody has selected in a scene."""
     return {present.thing[1] for present in console.services.presence.windows() if present.thing is not None}
 

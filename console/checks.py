@@ -34,6 +34,8 @@ Stage = Literal["none", "running", "done", "failed"]
 Rehearse = Callable[[PoiGraph, Settings], EveryLeg]
 _SURVEY_SHARE = 0.8
 """Of the whole, where the map has not been measured before."""
+_END_S = 10.0
+"""So long the end of the console waits for a check that is given up; a step of it takes less."""
 _log = logging.getLogger(__name__)
 
 
@@ -61,11 +63,11 @@ class MapChecks:
         self,
         model: SiteModel,
         surveys: Surveys,
-        rehearse: Rehearse = all_routes_announced,
+        rehearse: Rehearse | None = None,
         settings: Settings | None = None,
     ) -> None:
-        """``rehearse`` returns what is said on the ways of a graph."""
-        self._model, self._surveys, self._rehearse = model, surveys, rehearse
+        """``rehearse`` returns what is said on the ways of a graph; by default :func:`all_routes_announced`."""
+        self._model, self._surveys, self._rehearse = model, surveys, rehearse or self._every_leg
         self._settings = settings or Settings()
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
@@ -124,12 +126,12 @@ class MapChecks:
         return tuple(finding for finding in result[1] if finding.severity == "error")
 
     def close(self) -> None:
-        """Begin no other check, and wait for the one that runs; surveys are to be closed before."""
+        """Begin no other check, and give up the one that runs; surveys are to be closed before."""
         with self._lock:
             self._closed = True
             thread = self._thread
         if thread is not None:
-            thread.join()
+            thread.join(_END_S)
 
     # ----------------------------------------------------------------------------------------------- the check
     def _run(self, graph: PoiGraph) -> None:
@@ -170,11 +172,16 @@ class MapChecks:
         paths = {edge.path_m: edge for edge in graph.edges.values() if edge.path_m}
         self._paths = {path: room for path, room in self._paths.items() if path in paths}
         for done, (path, edge) in enumerate(paths.items()):
+            if self._closed:
+                raise ConflictError("The console is ending: check again when it is back.")
             self._percent = round(100 * done / len(paths))
             if path not in self._paths:
                 self._paths[path] = path_clearance(survey.occupancy, path_of(edge))
         places = {(poi.x_m, poi.y_m) for poi in graph.pois.values()}
         self._places = {place: place_clearance(survey.occupancy, *place) for place in places}
+
+    def _every_leg(self, graph: PoiGraph, settings: Settings) -> EveryLeg:
+        return all_routes_announced(graph, settings, cancelled=lambda: self._closed)
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:
         if self._network is None or self._network[0] != graph.roads:

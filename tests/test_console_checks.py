@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from navcore.map_check.evidence import Announced, RehearsedRoute
 from navcore.planning.edits import add_poi, propose_edges
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.road_network import RoadNetwork
-from navcore.rehearsal.every_leg import EveryLeg
+from navcore.rehearsal.every_leg import EveryLeg, all_routes_announced
 from navcore.settings import Settings
 from navcore.site import Site, map_checksum, save_site
 from navcore.types import CameraIntrinsics
@@ -281,6 +282,26 @@ def test_who_does_not_want_to_wait_hears_how_far_it_is(stage: Callable[..., Stag
     with pytest.raises(ConflictError, match="being measured"):
         here.surveys.survey(timeout_s=0.0)
     assert here.surveys.survey(WAIT_S).walls_m.shape[1:] == (2, 2)
+
+
+def test_a_console_that_ends_gives_up_the_check(stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = threading.Event()
+
+    def every_leg(graph: PoiGraph, settings: Settings, *, cancelled: Callable[[], bool]) -> EveryLeg:
+        begun.set()
+        deadline_s = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline_s:
+            all_routes_announced(graph, settings, cancelled=cancelled)
+        return EveryLeg((), (), ())
+
+    monkeypatch.setattr("console.checks.all_routes_announced", every_leg)
+    running = stage()
+    running.checks.start()
+    assert begun.wait(WAIT_S)
+    running.close()
+    assert running.checks.state().stage == "failed"
+    with pytest.raises(ConflictError, match="ending"):
+        running.checks.start()
 
 
 def test_a_console_that_ends_ends_the_survey(stage: Callable[..., Stage]) -> None:

@@ -19,7 +19,9 @@ from corridor_cloud import ROAD_M, box, corridor
 from console.checks import CheckState, MapChecks
 from console.edits import AddPoi, SetEdge, UpdatePoi
 from console.errors import ConflictError
+from console.floor_plans import FloorPlans
 from console.graph_log import MemoryGraphLog
+from console.map_geometry.floor_plan import FloorPlan, floor_plan
 from console.model import SiteModel
 from console.publishing import UnconfirmedError, publish
 from console.server import ConsoleServer
@@ -124,12 +126,20 @@ def test_an_editor_checks_the_draft_and_everybody_sees_what_was_found(served: Co
     assert found["sentence"] == "Found 1 error."
 
 
+def when_measured(person: Person, path: str, **options: Any) -> Any:
+    """Return an answer as the page gets it: it asks again while the map is being measured."""
+    deadline_s = time.monotonic() + WAIT_S
+    while (answer := person.http.get(path, **options)).status_code == 409 and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    return answer.raise_for_status()
+
+
 def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada: Person) -> None:
     assert Person(ada.url).http.get("/api/floor-plan.png").status_code == 401
     assert ada.http.get("/api/floor-plan.png", params={"theme": "pink"}).status_code == 400
     pictures = []
     for theme in ("light", "dark"):
-        answer = ada.http.get("/api/floor-plan.png", params={"theme": theme}).raise_for_status()
+        answer = when_measured(ada, "/api/floor-plan.png", params={"theme": theme})
         assert answer.headers["content-type"] == "image/png"
         picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
         width_m = picture.shape[1] * float(answer.headers["x-metres-per-pixel"])
@@ -137,7 +147,7 @@ def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada:
         assert float(answer.headers["x-left-metres"]) < 0.0
         pictures.append(picture)
     assert pictures[0].mean() > pictures[1].mean()
-    drawing = ada.http.get("/api/floor-plan.svg").raise_for_status()
+    drawing = when_measured(ada, "/api/floor-plan.svg")
     assert drawing.headers["content-type"].startswith("image/svg+xml")
     assert ">Hall</text>" in drawing.text
 
@@ -282,6 +292,35 @@ def test_who_does_not_want_to_wait_hears_how_far_it_is(stage: Callable[..., Stag
     with pytest.raises(ConflictError, match="being measured"):
         here.surveys.survey(timeout_s=0.0)
     assert here.surveys.survey(WAIT_S).walls_m.shape[1:] == (2, 2)
+
+
+def test_the_plan_is_never_waited_for_and_drawn_once_for_a_version(
+    stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = stage()
+    plans = FloorPlans(here.model, here.surveys)
+    with pytest.raises(ConflictError, match=r"\d %"):
+        plans.picture("light")
+    here.surveys.survey(WAIT_S)
+    begun, may_end = threading.Event(), threading.Event()
+
+    def slowly(*shown: Any) -> FloorPlan:
+        begun.set()
+        assert may_end.wait(WAIT_S)
+        return floor_plan(*shown)
+
+    monkeypatch.setattr("console.floor_plans.floor_plan", slowly)
+    first = threading.Thread(target=plans.picture, args=("light",))
+    first.start()
+    assert begun.wait(WAIT_S)
+    with pytest.raises(ConflictError, match="being drawn"):
+        plans.picture("dark")
+    may_end.set()
+    first.join(WAIT_S)
+    drawn = plans.picture("light")
+    assert plans.picture("light") is drawn
+    here.model.apply(AddPoi("Desk", "room", 3.0, 0.0), "Ada")
+    assert plans.picture("light") is not drawn
 
 
 def test_a_console_that_ends_gives_up_the_check(stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -123,7 +123,7 @@ def test_an_editor_checks_the_draft_and_everybody_sees_what_was_found(served: Co
     assert (pole["code"], pole["severity"]) == ("edge_through_obstacle", "error")
     assert (pole["x_m"], pole["y_m"]) == (pytest.approx(6.05, abs=0.15), pytest.approx(0.0, abs=0.1))
     assert (found["version"], found["is_stale"]) == (found["draft_version"], False)
-    assert found["sentence"] == "Found 1 error."
+    assert found["sentence"].startswith("Found 1 error. Checked for a person 0.7 m wide,")
 
 
 def when_measured(person: Person, path: str, **options: Any) -> Any:
@@ -153,9 +153,23 @@ def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada:
 
 
 # --------------------------------------------------------------------------------------------------- versions
+def test_the_widest_person_whom_a_device_leads_must_find_room(stage: Callable[..., Stage]) -> None:
+    widths_m = [0.6]
+    here = stage(device_settings=lambda: [{"obstacle.person_width_m": width_m} for width_m in widths_m])
+    (edge_id,) = here.model.graph.edges
+    here.model.apply(SetEdge(edge_id, width_m=0.8), "Ada")
+    usual = here.checked()
+    assert "narrow_passage" not in {each.code for each in usual.findings}
+    assert "0.7 m wide" in usual.sentence, "never narrower than the usual"
+    widths_m.append(0.9)
+    wider = here.checked()
+    assert "narrow_passage" in {each.code for each in wider.findings}
+    assert "0.9 m wide" in wider.sentence
+
+
 def test_a_result_is_of_its_version_alone(stage: Callable[..., Stage]) -> None:
     here = stage()
-    assert here.checked().sentence == "Nothing was found that is wrong."
+    assert here.checked().sentence.startswith("Nothing was found that is wrong.")
     version = here.model.graph.version
     assert here.checks.unconfirmed_errors(version) == ()
     here.model.apply(AddPoi("Lounge", "lounge", 3.0, 0.0), "Ada")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -349,6 +350,34 @@ def test_legs_that_nobody_is_led_over_are_named() -> None:
     assert all_routes_announced(PoiGraph()).routes == ()
     one_way = all_routes_announced(with_changes(graph, "e1", one_way=True))
     assert one_way.left_out == ()
+
+
+def test_of_many_places_some_are_rehearsed_and_the_rest_is_named() -> None:
+    graph = chain([(10.0 * i, 0.0) for i in range(6)])
+    some = all_routes_announced(graph, max_places=3)
+    assert some.left_out == ("e2", "e3", "e4")
+    assert {each for route in some.routes for each in route.edge_ids} == {"e0", "e1"}
+
+
+def test_rehearsing_every_leg_can_be_given_up_at_any_time() -> None:
+    graph = chain([(10.0 * i, 0.0) for i in range(4)])
+
+    def times_asked(until: float) -> int:
+        asked = itertools.count(1)
+        last = 0
+
+        def cancelled() -> bool:
+            nonlocal last
+            last = next(asked)
+            return last >= until
+
+        with pytest.raises(CancelledError) if until < math.inf else contextlib.nullcontext():
+            all_routes_announced(graph, cancelled=cancelled)
+        return last
+
+    times = times_asked(math.inf)
+    for until in (1, 3, 5, times - 1):
+        assert times_asked(until) == until
 
 
 # ---------------------------------------------------------------------------------------------------- the command

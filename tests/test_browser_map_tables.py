@@ -410,6 +410,11 @@ def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_look
     press(page, "Look at it")
     expect(warned).to_have_count(1)
     expect(warned).to_contain_text("The file does not say where it lies")
+    expect(page.locator("#preview")).to_contain_text(re.compile("Place Kiosk *at 3.00, 0.00"))
+    far = foreign.replace(b"[3.0, 0.0]", b"[11.57, 148.14]")
+    field.set_input_files({"name": "far.geojson", "mimeType": "", "buffer": far})
+    press(page, "Look at it")
+    expect(warned.last).to_contain_text("Kiosk lies more than 50 m from every road and place of this map")
     assert "Lift" in {poi.name for poi in model.graph.pois.values()}
 
 

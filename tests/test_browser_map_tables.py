@@ -10,7 +10,7 @@ import pytest
 from browser import become_admin, chromium, until, without_tour
 from console_room import Person, invited
 from link_processes import ConsoleProcess
-from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, expect
 
 from console.edits import AddPoi, DeleteEdge, DeletePoi, MovePoi, UpdatePoi
 from console.server import ConsoleServer
@@ -315,6 +315,28 @@ def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, s
     expect(page.get_by_role("button", name="Move Zoo hall")).to_be_focused()
     kept = page.evaluate("[...document.querySelectorAll('#places tr')].map((row) => Boolean(row.cells[0].drawnBefore))")
     assert kept == [True, False], "only the row that differs is drawn anew"
+
+
+def test_a_page_on_which_something_was_typed_is_not_left_unasked(page: Page) -> None:
+    asked: list[str] = []
+
+    def stay(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", stay)
+    open_page(page, "/pois")
+    press(page, "Edit Bar")
+    dialog = form(page, Name="Tea bar")
+    page.evaluate("setTimeout(() => location.reload())")
+    until(page, lambda: asked == ["beforeunload"], "the browser to ask")
+    expect(dialog.get_by_label("Name")).to_have_value("Tea bar")
+    send(page)
+    page.reload()
+    expect(page.locator("#places")).to_contain_text("Tea bar")
+    press(page, "Edit Tea bar")
+    page.reload()
+    assert asked == ["beforeunload"], "nothing was typed"
 
 
 def test_versions_are_named_compared_gone_back_to_and_published(page: Page, server: ConsoleServer) -> None:

@@ -317,6 +317,39 @@ def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, s
     assert kept == [True, False], "only the row that differs is drawn anew"
 
 
+def test_a_name_that_another_place_has_is_asked_about_before_it_is_saved(page: Page, server: ConsoleServer) -> None:
+    model = server.services.model
+    open_page(page, "/pois")
+    press(page, "Edit Bar")
+    dialog = form(page, Name="hall ")
+    dialog.get_by_role("button", name="Save").press("Enter")
+    asked = page.get_by_role("dialog", name="Two places of one name?")
+    expect(asked).to_contain_text("Another place is called Hall: a walker could not tell them apart.")
+    asked.get_by_role("button", name="Change the name").press("Enter")
+    expect(dialog.get_by_role("alert")).to_contain_text("give this one another name")
+    assert model.graph.pois["b"].name == "Bar"
+    dialog.get_by_role("button", name="Save").press("Enter")
+    asked.get_by_role("button", name="Save all the same").press("Enter")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert model.graph.pois["b"].name == "hall"
+    press(page, "Edit hall")
+    send(page, Notes="The same name is no reason to ask again.")
+
+    # The list beside the scene asks as well.
+    open_page(page, "/")
+    page.get_by_role("tab", name="Places").click()
+    press(page, "Rename hall")
+    page.get_by_label("New name of hall").fill("Bar")
+    page.get_by_label("New name of hall").press("Enter")
+    until(page, lambda: model.graph.pois["b"].name == "Bar", "the name to be saved")
+    press(page, "Rename Bar")
+    page.get_by_label("New name of Bar").fill("Hall")
+    page.get_by_label("New name of Bar").press("Enter")
+    asked.get_by_role("button", name="Change the name").press("Enter")
+    expect(page.get_by_label("New name of Bar")).to_have_value("Hall")
+    assert model.graph.pois["b"].name == "Bar"
+
+
 def test_a_page_on_which_something_was_typed_is_not_left_unasked(page: Page) -> None:
     asked: list[str] = []
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import math
 import shlex
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
@@ -14,15 +15,19 @@ from starlette.concurrency import run_in_threadpool
 
 from console.edit_words import described
 from console.errors import BadRequestError, ConflictError
-from console.graph_delta import difference
+from console.graph_delta import GraphDelta, difference
 from console.requests import Visitor, json_response
 from console.services import Services
 from navcore.foreign_map import shown
 from navcore.graph_import import imported
+from navcore.planning.poi_graph import Poi, PoiGraph
+from navcore.planning.road_network import RoadNetwork
 from navcore.site_archive import MAX_ARCHIVE_BYTES
 
 FileName = Annotated[str, Query(max_length=120)]
 _PATIENCE_S = 60.0
+_FAR_M = 50.0
+"""No place of a building lies farther from all of its roads and places."""
 Token = Annotated[str, Query(max_length=64, pattern="^[0-9a-f]*$")]
 
 
@@ -101,8 +106,31 @@ def _import_graph(services: Services, who: str, data: bytes, name: str, confirm:
         "draft_version": model.graph.version,
         "changes": described(changes, draft, found.graph),
         "unused": found.unused,
-        "notes": found.notes,
+        "notes": (*found.notes, *_far_away(changes, draft, model.network)),
     }
+
+
+def _far_away(changes: GraphDelta, draft: PoiGraph, network: RoadNetwork) -> tuple[str, ...]:
+    """Say which new places lie so far from all that the draft has that they may be of another frame, or in degrees."""
+    added = [new for old, new in changes.pois.values() if old is None and new is not None]
+    if network.is_empty and not draft.pois:
+        return ()
+    far = [poi for poi in added if _distance_m(poi, draft, network) > _FAR_M]
+    if not far:
+        return ()
+    more = f", and {len(far) - 1} more," if len(far) > 1 else ""
+    verb = "lie" if len(far) > 1 else "lies"
+    return (
+        f"{far[0].name}{more} {verb} more than {_FAR_M:.0f} m from every road and place of this map: "
+        "see whether the file’s coordinates are metres of this map.",
+    )
+
+
+def _distance_m(poi: Poi, draft: PoiGraph, network: RoadNetwork) -> float:
+    to_roads = () if network.is_empty else (network.nearest(poi.x_m, poi.y_m).distance_m,)
+    to_places = (math.hypot(poi.x_m - other.x_m, poi.y_m - other.y_m) for other in draft.pois.values())
+    nearest_m: float = min((*to_roads, *to_places))
+    return nearest_m
 
 
 def _token_of(data: bytes, version: int) -> str:

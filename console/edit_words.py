@@ -90,7 +90,10 @@ def _summary(delta: GraphDelta) -> str:
 
 
 def described(delta: GraphDelta, before: PoiGraph, after: PoiGraph) -> list[dict[str, Any]]:
-    """Return a difference thing by thing, as plain data: what, its name, added, removed or changed, and the fields."""
+    """Return a difference thing by thing, as plain data: what, its name, added, removed or changed, and the fields.
+
+    Of a place that is added, where it lies as well: ``at_m``, x and y.
+    """
     return [
         *(_described("poi", key, pair, before, after) for key, pair in delta.pois.items()),
         *(_described("edge", key, pair, before, after) for key, pair in delta.edges.items()),
@@ -105,7 +108,8 @@ def _described(
     change = "added" if old is None else "removed" if new is None else "changed"
     graph, thing = (before, old) if new is None else (after, new)
     fields = _fields(old, new) if old is not None and new is not None else {}
-    return {"kind": kind, "id": key, "name": _name_of(thing, graph), "change": change, "fields": fields}
+    where = {"at_m": [new.x_m, new.y_m]} if old is None and isinstance(new, Poi) else {}
+    return {"kind": kind, "id": key, "name": _name_of(thing, graph), "change": change, "fields": fields, **where}
 
 
 def _name_of(thing: Thing | None, graph: PoiGraph) -> str:

@@ -1,6 +1,6 @@
 /* A difference between two versions in words: what is added, removed, and changed from what to what. */
 
-import { el } from "./dom.js";
+import { decimals, el } from "./dom.js";
 import { fieldName, thingName, valueWords } from "./words.js";
 
 const GROUPS = [["added", "+", "Added"], ["removed", "−", "Removed"], ["changed", "≠", "Changed"]];
@@ -16,9 +16,11 @@ export function changesList(changes, nameOf, nothing = "Nothing differs.") {
   const groups = GROUPS.map(([change, mark, title]) => [mark, title, told.filter((one) => one.change === change)]).filter(([, , some]) => some.length);
   return el("div", { class: "stack" }, ...groups.map(([mark, title, some]) => el("section", {},
     el("h3", {}, el("span", { class: "mark", "aria-hidden": "true" }, mark), `${title}: ${some.length}`),
-    el("ul", { class: "changes" }, ...some.slice(0, SHOWN).map((one) => el("li", {}, el("b", {}, thingName(one.kind, one.name)), ...fieldsOf(one, nameOf))),
+    el("ul", { class: "changes" }, ...some.slice(0, SHOWN).map((one) => el("li", {}, el("b", {}, thingName(one.kind, one.name)), ...whereOf(one), ...fieldsOf(one, nameOf))),
       some.length > SHOWN ? el("li", { class: "quiet" }, `and ${some.length - SHOWN} more`) : null))), slight);
 }
+
+const whereOf = ({ at_m }) => (at_m ? [el("span", { class: "change" }, `at ${at_m.map((value) => decimals(value)).join(", ")}`)] : []);
 
 function fieldsOf({ fields }, nameOf) {
   const away_m = Math.hypot(by_m(fields.x_m), by_m(fields.y_m));

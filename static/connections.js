@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { $, badge, el, metres, setText } from "./dom.js";
 import { openForm } from "./form.js";
 import { KIND_NAMES } from "./graph.js";
+import { refuseTwin } from "./names.js";
 import { placeOptions, placeTowards } from "./position.js";
 import { whileEditing } from "./presence.js";
 import { Table } from "./table.js";
@@ -89,7 +90,10 @@ function split(graph, edge) {
       { name: "kind", label: "Kind", type: "select", options: Object.entries(KIND_NAMES), value: "junction" },
       { name: "distance_m", label: `Metres from ${a}`, type: "number", required: true, min: 0, max: Number(edge.length_m.toFixed(2)), value: (edge.length_m / 2).toFixed(2) },
     ],
-    submit: async ({ name, kind, distance_m }) => graph.edit({ edit: "split_edge", edge_id: edge.id, name, kind, ...(await placeTowards(edge.a, edge.b, distance_m)) }, base),
+    submit: async ({ name, kind, distance_m }) => {
+      await refuseTwin(graph, name);
+      return graph.edit({ edit: "split_edge", edge_id: edge.id, name, kind, ...(await placeTowards(edge.a, edge.b, distance_m)) }, base);
+    },
   }));
 }
 

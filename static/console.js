@@ -3,6 +3,7 @@ import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
 import { undoKeys } from "./keys.js";
 import { follow, FRESHNESS, freshnessOf } from "./live.js";
+import { refuseTwin } from "./names.js";
 import { showWhatWasAsked } from "./scene.js";
 import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
@@ -180,7 +181,12 @@ function rename(item, poi) {
   const done = () => { renaming = null; redrawPlaces(); };
   const form = el("form", { onsubmit: async (event) => {
     event.preventDefault();
-    if (await attempt(() => graph.edit({ edit: "update_poi", poi_id: poi.id, name: input.value.trim() }))) done();
+    const name = input.value.trim();
+    const save = async () => {
+      await refuseTwin(graph, name, poi);
+      await graph.edit({ edit: "update_poi", poi_id: poi.id, name });
+    };
+    if (await attempt(save)) done();
   } }, input, el("button", { type: "submit", class: "slim" }, "Save"));
   form.addEventListener("keydown", (event) => { if (event.key === "Escape") done(); });
   item.replaceChildren(form);

@@ -10,7 +10,7 @@ let count = 0;
  * Open a form; resolves with whether it was sent. `fields` is a list of
  * {name, label, type: text|number|select|check|textarea, value, options: [[value, text]], hint, placeholder, required, min, max,
  * maxlength, span: columns of six in a wide form, shown: (values) => bool}. `submit(values)` throws a sentence to keep the form open, with all that was typed.
- * `extra` is a node under the fields; `onInput(values)` hears each change.
+ * The browser asks before a page is left on which something was typed and not sent. `extra` is a node under the fields; `onInput(values)` hears each change.
  */
 export function openForm({ title, lead, fields, submitText = "Save", submit, extra, onInput, wide = false }) {
   const id = `form-${++count}`;
@@ -45,7 +45,13 @@ export function openForm({ title, lead, fields, submitText = "Save", submit, ext
     }
   });
   arrange();
-  return showDialog(dialog, () => (made[0] ?? send).focus()).then((answer) => answer === "sent");
+  const untouched = JSON.stringify(values());
+  const askFirst = (event) => { if (JSON.stringify(values()) !== untouched) event.preventDefault(); };
+  addEventListener("beforeunload", askFirst);
+  return showDialog(dialog, () => (made[0] ?? send).focus()).then((answer) => {
+    removeEventListener("beforeunload", askFirst);
+    return answer === "sent";
+  });
 }
 
 /** Ask before something is lost; resolves with whether it is wanted. */

@@ -3,6 +3,7 @@
 import { $, badge, decimals, el, setText } from "./dom.js";
 import { openForm } from "./form.js";
 import { inListOrder, KIND_NAMES } from "./graph.js";
+import { refuseTwin } from "./names.js";
 import { placeOptions, placeTowards, positionFields, positionOf } from "./position.js";
 import { whileEditing } from "./presence.js";
 import { Table } from "./table.js";
@@ -61,7 +62,10 @@ function addPlace(graph) {
   const base = graph.data.version;
   return whileEditing(null, "", () => openForm({
     title: "Add a place", fields: [name, kind, ...positionFields(graph, "between"), spoken, notes], submitText: "Add it", wide: true,
-    submit: async (values) => graph.edit({ edit: "add_poi", ...namesOf(values), ...(await positionOf(values)) }, base),
+    submit: async (values) => {
+      await refuseTwin(graph, values.name);
+      return graph.edit({ edit: "add_poi", ...namesOf(values), ...(await positionOf(values)) }, base);
+    },
   }));
 }
 
@@ -69,7 +73,10 @@ function editPlace(graph, poi) {
   const base = graph.data.version;
   return whileEditing("poi", poi.id, () => openForm({
     title: `Edit ${poi.name}`, wide: true, fields: nameFields(poi),
-    submit: (values) => graph.edit({ edit: "update_poi", poi_id: poi.id, ...changed(namesOf(values), poi) }, base),
+    submit: async (values) => {
+      await refuseTwin(graph, values.name, poi);
+      return graph.edit({ edit: "update_poi", poi_id: poi.id, ...changed(namesOf(values), poi) }, base);
+    },
   }));
 }
 

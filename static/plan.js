@@ -5,6 +5,7 @@ import { decimals, el, setText } from "./dom.js";
 const SVG = "http://www.w3.org/2000/svg";
 const DARK = matchMedia("(prefers-color-scheme: dark)");
 const MARGIN_M = 2;
+const BESIDE_M = 2;
 const ASK_AGAIN_MS = 2000;
 
 function svg(tag, properties, ...children) {
@@ -103,13 +104,11 @@ function sizeOf(url) {
   });
 }
 
-/** "near Hall": the place that is nearest to a point. */
+/** "3.0 m from Hall": the place that is nearest to a point; one that people know goes before a junction that lies beside it. */
 export function whereWords(graph, x_m, y_m) {
-  let nearest = null;
-  for (const poi of graph.data.pois) {
-    const away_m = Math.hypot(poi.x_m - x_m, poi.y_m - y_m);
-    if (nearest === null || away_m < nearest.away_m) nearest = { away_m, name: poi.name };
-  }
+  const places = graph.data.pois.map((poi) => ({ name: poi.name, known: poi.kind !== "junction", away_m: Math.hypot(poi.x_m - x_m, poi.y_m - y_m) }));
+  const closest = (some) => some.reduce((best, one) => (best && best.away_m <= one.away_m ? best : one), null);
+  const nearest = closest(places.filter(({ known, away_m }) => known && away_m <= BESIDE_M)) ?? closest(places);
   const at = [x_m, y_m].map((value) => decimals(value, 1)).join(", ");
   if (nearest === null) return at;
   return nearest.away_m < 0.5 ? `at ${nearest.name} (${at})` : `${nearest.away_m.toFixed(1)} m from ${nearest.name} (${at})`;

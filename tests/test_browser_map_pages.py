@@ -208,6 +208,16 @@ def test_the_page_admin_lists_the_people(page: Page, server: ConsoleServer) -> N
     assert len(ids) == len(set(ids))
 
 
+@pytest.mark.parametrize(("away_m", "words"), [(0.9, "0.9 m from Ward (0.0, 0.0)"), (3.0, "at K (0.0, 0.0)")])
+def test_where_something_is_is_said_by_a_place_that_people_know(page: Page, away_m: float, words: str) -> None:
+    places = [
+        {"name": "K", "kind": "junction", "x_m": 0.0, "y_m": 0.0},
+        {"name": "Ward", "kind": "room", "x_m": away_m, "y_m": 0.0},
+    ]
+    script = "async (pois) => (await import('/static/plan.js')).whereWords({ data: { pois } }, -0.01, 0)"
+    assert page.evaluate(script, places) == words
+
+
 def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, server: ConsoleServer) -> None:
     heard = {"lasts_s": 1.0, "edge_id": "a-b", "poi_id": None, "sound": None}
     utterances = [

@@ -10,7 +10,7 @@ import pytest
 from browser import become_admin, chromium, until, without_tour
 from console_room import Person, invited
 from link_processes import ConsoleProcess
-from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Dialog, Locator, Page, expect
 
 from console.edits import AddPoi, DeleteEdge, DeletePoi, MovePoi, UpdatePoi
 from console.server import ConsoleServer
@@ -317,6 +317,61 @@ def test_an_edit_of_somebody_else_takes_no_focus_and_no_typed_text(page: Page, s
     assert kept == [True, False], "only the row that differs is drawn anew"
 
 
+def test_a_name_that_another_place_has_is_asked_about_before_it_is_saved(page: Page, server: ConsoleServer) -> None:
+    model = server.services.model
+    open_page(page, "/pois")
+    press(page, "Edit Bar")
+    dialog = form(page, Name="hall ")
+    dialog.get_by_role("button", name="Save").press("Enter")
+    asked = page.get_by_role("dialog", name="Two places of one name?")
+    expect(asked).to_contain_text("Another place is called Hall: a walker could not tell them apart.")
+    asked.get_by_role("button", name="Change the name").press("Enter")
+    expect(dialog.get_by_role("alert")).to_contain_text("give this one another name")
+    assert model.graph.pois["b"].name == "Bar"
+    dialog.get_by_role("button", name="Save").press("Enter")
+    asked.get_by_role("button", name="Save all the same").press("Enter")
+    expect(page.get_by_role("dialog")).to_have_count(0)
+    assert model.graph.pois["b"].name == "hall"
+    press(page, "Edit hall")
+    send(page, Notes="The same name is no reason to ask again.")
+
+    # The list beside the scene asks as well.
+    open_page(page, "/")
+    page.get_by_role("tab", name="Places").click()
+    press(page, "Rename hall")
+    page.get_by_label("New name of hall").fill("Bar")
+    page.get_by_label("New name of hall").press("Enter")
+    until(page, lambda: model.graph.pois["b"].name == "Bar", "the name to be saved")
+    press(page, "Rename Bar")
+    page.get_by_label("New name of Bar").fill("Hall")
+    page.get_by_label("New name of Bar").press("Enter")
+    asked.get_by_role("button", name="Change the name").press("Enter")
+    expect(page.get_by_label("New name of Bar")).to_have_value("Hall")
+    assert model.graph.pois["b"].name == "Bar"
+
+
+def test_a_page_on_which_something_was_typed_is_not_left_unasked(page: Page) -> None:
+    asked: list[str] = []
+
+    def stay(dialog: Dialog) -> None:
+        asked.append(dialog.type)
+        dialog.dismiss()
+
+    page.on("dialog", stay)
+    open_page(page, "/pois")
+    press(page, "Edit Bar")
+    dialog = form(page, Name="Tea bar")
+    page.evaluate("setTimeout(() => location.reload())")
+    until(page, lambda: asked == ["beforeunload"], "the browser to ask")
+    expect(dialog.get_by_label("Name")).to_have_value("Tea bar")
+    send(page)
+    page.reload()
+    expect(page.locator("#places")).to_contain_text("Tea bar")
+    press(page, "Edit Tea bar")
+    page.reload()
+    assert asked == ["beforeunload"], "nothing was typed"
+
+
 def test_versions_are_named_compared_gone_back_to_and_published(page: Page, server: ConsoleServer) -> None:
     model = server.services.model
     model.apply(UpdatePoi("b", name="Tea bar"), "Ada")
@@ -410,6 +465,11 @@ def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_look
     press(page, "Look at it")
     expect(warned).to_have_count(1)
     expect(warned).to_contain_text("The file does not say where it lies")
+    expect(page.locator("#preview")).to_contain_text(re.compile("Place Kiosk *at 3.00, 0.00"))
+    far = foreign.replace(b"[3.0, 0.0]", b"[11.57, 148.14]")
+    field.set_input_files({"name": "far.geojson", "mimeType": "", "buffer": far})
+    press(page, "Look at it")
+    expect(warned.last).to_contain_text("Kiosk lies more than 50 m from every road and place of this map")
     assert "Lift" in {poi.name for poi in model.graph.pois.values()}
 
 

@@ -172,6 +172,8 @@ class SiteModel:
             # An edit of a long road takes seconds, in which nobody else should have to wait.
             before = self._graph
             after = self._evaluated(edit, who, base_version, before)
+            # Whoever looks at the draft next finds its network made.
+            self._network_of(after)
             with self._lock:
                 if self._graph is before:
                     self._refuse_conflict(edit, who, base_version, before)
@@ -204,6 +206,7 @@ class SiteModel:
         ``base_version`` that was looked at: what others have done since would be gone with it, unseen.
         """
         then = self.graph_at(version)
+        self._network_of(then)
         with self._lock:
             self._refuse_other_draft(base_version)
             delta = difference(self._graph, then)

@@ -113,7 +113,7 @@ def test_a_place_is_tagged_by_a_click_on_the_road_its_name_and_enter(page: Page,
     until(page, lambda: "Add place" in hands.frame.inner_text("body"), "the form of the new place")
 
     # Digits and letters that are shortcuts elsewhere are letters here.
-    hands.frame.locator("input:visible").first.click()
+    until(page, lambda: hands.frame.evaluate("document.activeElement.tagName") == "INPUT", "the cursor in the name")
     page.keyboard.type("Room 123")
     page.keyboard.press("Enter")
     until(page, lambda: len(model.graph.pois) == 4, "the place")

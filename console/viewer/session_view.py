@@ -181,7 +181,10 @@ class SessionView:
             self._help = None
 
     def _escape(self) -> None:
-        self._close_help()
+        if self._help is not None:
+            # What lies on top goes; what was begun below it stays.
+            self._close_help()
+            return
         self.keyboard.forget()
         self.editor.escape()
 

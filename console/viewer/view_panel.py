@@ -23,6 +23,8 @@ _NARROW_ASPECT = 1.05
 """A narrower window than this (a phone) has its panel below."""
 _BEFORE_FIRST_M = (3.0, 3.0, 3.0)
 """Where viser's client says that it is before it has been told where to be."""
+_FIRST_LOOKS_COUNT = 40
+"""After so many looks (two seconds) a camera that is somewhere else has been put there by somebody."""
 _COLOURINGS = {each.value for each in Colouring}
 
 
@@ -50,6 +52,7 @@ class ViewPanel:
         self._cloud = cloud
         self.mode = CameraMode.FREE
         self._is_first = True
+        self._first_looks = _FIRST_LOOKS_COUNT
         self._last_target_m: tuple[float, float] | None = None
         gui = client.gui
         camera = gui.add_button_group(
@@ -89,9 +92,13 @@ class ViewPanel:
         position_m = self._client.camera.position
         if np.allclose(position_m, _BEFORE_FIRST_M, atol=0.05):
             return
-        self._is_first = False
         if np.allclose(position_m, overview(self._bounds).position_m, atol=0.05):
+            self._is_first = False
             self.overview()
+            return
+        # On its way from viser's first place to ours the camera may be anywhere, for some looks.
+        self._first_looks -= 1
+        self._is_first = self._first_looks > 0
 
     def overview(self) -> None:
         """Show the whole floor at an angle."""

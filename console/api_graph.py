@@ -39,8 +39,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/history")
     def history() -> Response:
-        newest = model.history()[: -HISTORY_SHOWN_COUNT - 1 : -1]
-        return json_response({"history": [_entry_view(entry) for entry in newest]})
+        return json_response({"history": [_entry_view(entry) for entry in model.history(HISTORY_SHOWN_COUNT)]})
 
     @app.post("/api/edits", openapi_extra=_EDIT_SCHEMA)
     async def edit(
@@ -63,8 +62,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
     @app.post("/api/publish")
     def publish_draft(visitor: Visitor, body: PublishBody | None = None) -> Response:
-        confirmed = body is not None and body.confirmed
-        publish(model, services.checks, visitor.user_name, confirmed=confirmed)
+        confirmed = body.version if body is not None and body.confirmed else None
+        publish(model, services.checks, visitor.user_name, confirmed_version=confirmed)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.get("/api/shortcuts")

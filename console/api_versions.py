@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Path, Query, Response
 
 from console.api_graph import graph_view
-from console.bodies import PresenceBody, VersionBody
+from console.bodies import PresenceBody, RollBackBody, VersionBody
 from console.edit_words import described
 from console.graph_delta import difference
 from console.model import SiteModel
@@ -40,8 +40,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response({"from": version, "to": after.version, "changes": changes})
 
     @app.post("/api/versions/{version}/roll-back")
-    def roll_back(visitor: Visitor, version: Version) -> Response:
-        model.roll_back(version, visitor.user_name)
+    def roll_back(visitor: Visitor, version: Version, body: RollBackBody | None = None) -> Response:
+        model.roll_back(version, visitor.user_name, body.base_version if body is not None else None)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/presence")

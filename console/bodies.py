@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr
+from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
 
 from console.roles import Role
 from navcore.cues.directions import DirectionStyle
@@ -66,9 +66,22 @@ class PresenceBody(_Body):
 
 
 class PublishBody(_Body):
-    """Publish the draft; ``confirmed`` where somebody has seen its errors."""
+    """Publish the draft; ``confirmed`` where somebody has seen the errors of this ``version``."""
 
     confirmed: bool = False
+    version: Annotated[int, Field(ge=0)] | None = None
+
+    @model_validator(mode="after")
+    def _says_what_was_seen(self) -> PublishBody:
+        if self.confirmed and self.version is None:
+            raise ValueError("say which version's errors were seen")
+        return self
+
+
+class RollBackBody(_Body):
+    """Go back to an earlier version; ``base_version`` is the draft's that was looked at."""
+
+    base_version: Annotated[int, Field(ge=0)] | None = None
 
 
 class VersionBody(_Body):

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Literal
 
 import msgspec
@@ -28,12 +28,15 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.road_edits import network_of
 from navcore.planning.road_network import RoadNetwork
 from navcore.rehearsal.every_leg import EveryLeg, all_routes_announced
-from navcore.settings import Settings
+from navcore.settings import Settings, SettingValue
 
 Stage = Literal["none", "running", "done", "failed"]
 Rehearse = Callable[[PoiGraph, Settings], EveryLeg]
 _SURVEY_SHARE = 0.8
 """Of the whole, where the map has not been measured before."""
+_WIDTH = "obstacle.person_width_m"
+_END_S = 10.0
+"""So long the end of the console waits for a check that is given up; a step of it takes less."""
 _log = logging.getLogger(__name__)
 
 
@@ -61,18 +64,22 @@ class MapChecks:
         self,
         model: SiteModel,
         surveys: Surveys,
-        rehearse: Rehearse = all_routes_announced,
+        rehearse: Rehearse | None = None,
         settings: Settings | None = None,
+        device_settings: Callable[[], Sequence[Mapping[str, SettingValue]]] = tuple,
     ) -> None:
-        """``rehearse`` returns what is said on the ways of a graph."""
-        self._model, self._surveys, self._rehearse = model, surveys, rehearse
-        self._settings = settings or Settings()
+        """``rehearse`` returns what is said on the ways of a graph; by default :func:`all_routes_announced`.
+
+        ``device_settings`` returns what connected devices run: the widest person whom they lead must find room.
+        """
+        self._model, self._surveys, self._rehearse = model, surveys, rehearse or self._every_leg
+        self._settings, self._device_settings = settings or Settings(), device_settings
         self._lock = threading.Lock()
         self._thread: threading.Thread | None = None
         self._percent = 0
         self._is_measuring = False
         self._reason = ""
-        self._result: tuple[int, tuple[Finding, ...]] | None = None
+        self._result: tuple[int, tuple[Finding, ...], Settings] | None = None
         self._closed = False
         # Kept from check to check: an edit changes the paths of few edges.
         self._paths: dict[tuple[tuple[float, float], ...], PathClearance] = {}
@@ -94,10 +101,10 @@ class MapChecks:
         """Return how the check stands."""
         with self._lock:
             draft_version = self._model.graph.version
-            version, findings = self._result or (None, ())
+            version, findings, settings = self._result or (None, (), self._settings)
             is_stale = version is not None and version != draft_version
             stage: Stage = "none" if version is None else "done"
-            sentence, percent = _sentence(version, draft_version, findings), 0
+            sentence, percent = _sentence(version, draft_version, findings, settings), 0
             if self._thread is not None:
                 stage, sentence, percent = "running", "Checking …", self._overall_percent()
             elif self._reason:
@@ -124,18 +131,18 @@ class MapChecks:
         return tuple(finding for finding in result[1] if finding.severity == "error")
 
     def close(self) -> None:
-        """Begin no other check, and wait for the one that runs; surveys are to be closed before."""
+        """Begin no other check, and give up the one that runs; surveys are to be closed before."""
         with self._lock:
             self._closed = True
             thread = self._thread
         if thread is not None:
-            thread.join()
+            thread.join(_END_S)
 
     # ----------------------------------------------------------------------------------------------- the check
     def _run(self, graph: PoiGraph) -> None:
-        reason, findings = "", None
+        reason, findings, settings = "", None, self._widest()
         try:
-            findings = findings_of(self._evidence(graph))
+            findings = findings_of(self._evidence(graph, settings))
         except VbrError as error:
             reason = str(error)
         except Exception as error:
@@ -143,26 +150,32 @@ class MapChecks:
             reason = f"The draft could not be checked ({type(error).__name__}: {error}): tell whoever looks after this."
         with self._lock:
             if findings is not None:
-                self._result = graph.version, findings
+                self._result = graph.version, findings, settings
             self._reason, self._thread = reason, None
 
-    def _evidence(self, graph: PoiGraph) -> MapEvidence:
+    def _widest(self) -> Settings:
+        """Return the settings to check with: the console's, for the widest person whom a connected device leads."""
+        ours_m = self._settings.obstacle.person_width_m
+        widths_m = [float(values.get(_WIDTH, ours_m)) for values in self._device_settings()]
+        return self._settings.changed({_WIDTH: max([ours_m, *widths_m])})
+
+    def _evidence(self, graph: PoiGraph, settings: Settings) -> MapEvidence:
         self._is_measuring = True
         survey = self._surveys.survey()
         self._is_measuring = False
         network = self._network_of(graph)
         self._measure(graph, survey)
-        site, legs = self._model.site, self._rehearse(graph, self._settings)
+        site, legs = self._model.site, self._rehearse(graph, settings)
         return MapEvidence(
             graph,
             network,
             {edge.id: self._paths[edge.path_m] for edge in graph.edges.values() if edge.path_m},
             {poi.id: self._places[poi.x_m, poi.y_m] for poi in graph.pois.values()},
-            weak_places(site.map_arrays, site.report, network.polylines(), self._settings),
+            weak_places(site.map_arrays, site.report, network.polylines(), settings),
             legs.routes,
             legs.left_out,
             legs.refusals,
-            self._settings,
+            settings,
         )
 
     def _measure(self, graph: PoiGraph, survey: Survey) -> None:
@@ -170,11 +183,16 @@ class MapChecks:
         paths = {edge.path_m: edge for edge in graph.edges.values() if edge.path_m}
         self._paths = {path: room for path, room in self._paths.items() if path in paths}
         for done, (path, edge) in enumerate(paths.items()):
+            if self._closed:
+                raise ConflictError("The console is ending: check again when it is back.")
             self._percent = round(100 * done / len(paths))
             if path not in self._paths:
                 self._paths[path] = path_clearance(survey.occupancy, path_of(edge))
         places = {(poi.x_m, poi.y_m) for poi in graph.pois.values()}
         self._places = {place: place_clearance(survey.occupancy, *place) for place in places}
+
+    def _every_leg(self, graph: PoiGraph, settings: Settings) -> EveryLeg:
+        return all_routes_announced(graph, settings, cancelled=lambda: self._closed)
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:
         if self._network is None or self._network[0] != graph.roads:
@@ -187,7 +205,7 @@ class MapChecks:
         return round(100 * _SURVEY_SHARE + (1.0 - _SURVEY_SHARE) * self._percent)
 
 
-def _sentence(version: int | None, draft_version: int, findings: Sequence[Finding]) -> str:
+def _sentence(version: int | None, draft_version: int, findings: Sequence[Finding], settings: Settings) -> str:
     if version is None:
         return "The draft has not been checked yet."
     if version != draft_version:
@@ -197,4 +215,6 @@ def _sentence(version: int | None, draft_version: int, findings: Sequence[Findin
         for word in ("error", "warning", "note")
         if (count := sum(finding.severity == word for finding in findings))
     ]
-    return f"Found {', '.join(counts)}." if counts else "Nothing was found that is wrong."
+    found = f"Found {', '.join(counts)}." if counts else "Nothing was found that is wrong."
+    width_m = settings.obstacle.person_width_m
+    return f"{found} Checked for a person {width_m:g} m wide, and otherwise with the settings that devices come with."

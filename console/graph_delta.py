@@ -6,8 +6,8 @@ now is not what the change left behind).
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import TypeVar
+from collections.abc import Iterator, Mapping
+from typing import Literal, TypeVar
 
 import msgspec
 
@@ -53,12 +53,29 @@ def apply_delta(graph: PoiGraph, delta: GraphDelta, version: int) -> PoiGraph:
 
     Raises ConflictError where the graph does not hold what the change starts from, or would no longer be whole.
     """
-    roads = _with(graph.roads, delta.roads) if delta.roads else graph.roads
-    changed = PoiGraph(version, _with(graph.pois, delta.pois), _with(graph.edges, delta.edges), roads)
+    roads = _with(graph.roads, delta.roads, graph) if delta.roads else graph.roads
+    changed = PoiGraph(version, _with(graph.pois, delta.pois, graph), _with(graph.edges, delta.edges, graph), roads)
     for edge in changed.edges.values():
         if edge.a not in changed.pois or edge.b not in changed.pois:
-            raise ConflictError("An edge that was drawn since leads to this place: delete that edge first.")
+            raise ConflictError(f"{_label(edge, graph)} was drawn since: delete it first.")
     return changed
+
+
+def changed_by(delta: GraphDelta) -> Iterator[tuple[Literal["poi", "edge", "road"], str]]:
+    """Return the things that a change is about, by kind and identifier.
+
+    A connection of which only the geometry differs has merely followed a place or the road: it is computed anew each
+    time, and nobody's decision about it is lost.
+    """
+    yield from (("poi", key) for key in delta.pois)
+    yield from (("edge", key) for key, (before, after) in delta.edges.items() if not _has_followed(before, after))
+    yield from (("road", key) for key in delta.roads)
+
+
+def _has_followed(before: Edge | None, after: Edge | None) -> bool:
+    if before is None or after is None:
+        return False
+    return msgspec.structs.replace(before, path_m=after.path_m, length_m=after.length_m) == after
 
 
 def _differing(before: Mapping[str, Item], after: Mapping[str, Item]) -> dict[str, tuple[Item | None, Item | None]]:
@@ -68,11 +85,13 @@ def _differing(before: Mapping[str, Item], after: Mapping[str, Item]) -> dict[st
     return {key: (old, new) for key, old, new in pairs if old is not new and old != new}
 
 
-def _with(items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, Item | None]]) -> dict[str, Item]:
+def _with(
+    items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, Item | None]], graph: PoiGraph
+) -> dict[str, Item]:
     result = dict(items)
     for key, (before, after) in changes.items():
         if result.get(key) != before:
-            raise ConflictError(f"{_label(result.get(key) or before)} was changed meanwhile: change it by hand.")
+            raise ConflictError(f"{_label(result.get(key) or before, graph)} was changed meanwhile: change it by hand.")
         if after is None:
             result.pop(key, None)
         else:
@@ -80,7 +99,14 @@ def _with(items: Mapping[str, Item], changes: Mapping[str, tuple[Item | None, It
     return result
 
 
-def _label(item: Thing | None) -> str:
-    if isinstance(item, Poi):
-        return f"The place “{item.name}”"
-    return "A road" if isinstance(item, Road) else "An edge"
+def _label(item: Thing | None, graph: PoiGraph) -> str:
+    match item:
+        case Poi(name=name):
+            return f"The place “{name}”"
+        case Edge(a=a, b=b):
+            ends = (graph.pois[end].name if end in graph.pois else end for end in (a, b))
+            return f"The connection {' – '.join(ends)}"
+        case Road(id=road_id):
+            return f"Road {road_id.removeprefix('r')}"
+        case _:
+            return "Something"

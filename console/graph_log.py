@@ -65,8 +65,12 @@ class PublishedVersion(msgspec.Struct, frozen=True):
 class GraphLog(Protocol):
     """Where edits are kept. What ``append`` and ``add_publication`` have returned from survives a crash."""
 
-    def entries(self) -> Iterable[LogEntry]:
-        """Every entry, in the order of versions."""
+    def entries(self, up_to: int | None = None) -> Iterable[LogEntry]:
+        """Every entry, or those up to a version, in the order of versions."""
+        ...
+
+    def newest(self, count: int) -> Iterable[LogEntry]:
+        """The latest entries, newest first."""
         ...
 
     def published(self) -> Publication | None:
@@ -103,10 +107,15 @@ class MemoryGraphLog:
         self._names: list[VersionName] = []
         self._lock = threading.Lock()
 
-    def entries(self) -> Iterable[LogEntry]:
-        """Every entry, in the order of versions."""
+    def entries(self, up_to: int | None = None) -> Iterable[LogEntry]:
+        """Every entry, or those up to a version, in the order of versions."""
         with self._lock:
-            return tuple(self._entries)
+            return tuple(entry for entry in self._entries if up_to is None or entry.version <= up_to)
+
+    def newest(self, count: int) -> Iterable[LogEntry]:
+        """The latest entries, newest first."""
+        with self._lock:
+            return tuple(reversed(self._entries[-count:]))
 
     def published(self) -> Publication | None:
         """The latest publication."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import msgspec
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.exc import IntegrityError
 
 from console.errors import ConflictError
@@ -26,9 +26,19 @@ class StoredGraphLog:
             if session.get(SiteRow, site_id) is None:
                 session.add(SiteRow(site_id=site_id, name=site_name, first_opened_at_s=store.wall_s()))
 
-    def entries(self) -> Iterable[LogEntry]:
-        """Every entry, in the order of versions. Raises InputError where one cannot be read."""
+    def entries(self, up_to: int | None = None) -> Iterable[LogEntry]:
+        """Every entry, or those up to a version, in order. Raises InputError where one cannot be read."""
         rows = select(GraphEntryRow).where(GraphEntryRow.site_id == self._site_id).order_by(GraphEntryRow.version)
+        if up_to is not None:
+            rows = rows.where(GraphEntryRow.version <= up_to)
+        return self._read(rows)
+
+    def newest(self, count: int) -> Iterable[LogEntry]:
+        """The latest entries, newest first. Raises InputError where one cannot be read."""
+        rows = select(GraphEntryRow).where(GraphEntryRow.site_id == self._site_id)
+        return self._read(rows.order_by(GraphEntryRow.version.desc()).limit(count))
+
+    def _read(self, rows: Select[GraphEntryRow]) -> list[LogEntry]:
         with self._store.reading() as session:
             return [self._decode(row.version, row.entry_json) for row in session.scalars(rows)]
 

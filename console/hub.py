@@ -90,7 +90,8 @@ class DeviceHub:
         """Return one device. Raises NotFoundError."""
         device = self._devices.get(device_id)
         if device is None:
-            raise NotFoundError(f"No device {device_id!r} has connected since the console started.")
+            which = f"No device {device_id!r}" if device_id else "No walker's device"
+            raise NotFoundError(f"{which} has connected since the console started: switch it on first.")
         return device
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:

@@ -9,6 +9,7 @@ the same thing since, so that nothing of theirs is lost silently.
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -22,18 +23,29 @@ import msgspec
 from console.edit_conflict import EditConflictError
 from console.edits import Edit, Thing, evaluate, touched
 from console.errors import ConflictError, NotFoundError
-from console.graph_delta import GraphDelta, apply_delta, difference
+from console.graph_delta import GraphDelta, apply_delta, changed_by, difference
 from console.graph_log import OWN_KINDS, EntryKind, GraphLog, LogEntry, Publication, PublishedVersion, VersionName
 from navcore.errors import VbrError
 from navcore.planning.edits import validate
 from navcore.planning.poi_graph import PoiGraph, Road
-from navcore.planning.road_edits import network_of, recorded_roads, without_road
+from navcore.planning.road_edits import network_of, newly_without_road, recorded_roads
 from navcore.planning.road_network import RoadNetwork
 from navcore.site import Site, save_poi_graph
 
 _log = logging.getLogger(__name__)
+_TRIES = 3
+"""An edit that others overtake so often is worked out while they wait."""
+_NETWORKS_KEPT_COUNT = 3
+"""Those of the draft, of a preview, and of what an undo would make."""
+UNDO_STEPS_COUNT = 500
 SYSTEM = "system"
 """Author of what no person did."""
+
+
+def _push(stacks: dict[str, list[LogEntry]], who: str, entry: LogEntry) -> None:
+    stack = stacks.setdefault(who, [])
+    stack.append(entry)
+    del stack[:-UNDO_STEPS_COUNT]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +73,8 @@ class SiteModel:
     ) -> None:
         self.site = site
         self._recorded = recorded_roads(site.roads_m)
-        self._network: tuple[dict[str, Road], RoadNetwork] = self._recorded, network_of(self._recorded)
-        self._changed: dict[Thing, LogEntry] = {}
+        self._networks: list[tuple[dict[str, Road], RoadNetwork]] = [(self._recorded, network_of(self._recorded))]
+        self._changed: dict[Thing, dict[str, LogEntry]] = {}
         self._log = log
         self._folder = folder
         self._now_s = now_s
@@ -103,16 +115,19 @@ class SiteModel:
         """Whether ``who`` has an edit to make again."""
         return bool(self._redo.get(who))
 
-    def history(self) -> tuple[LogEntry, ...]:
-        """Every change of the draft since it began, oldest first."""
-        return tuple(self._log.entries())
+    def history(self, count: int) -> tuple[LogEntry, ...]:
+        """The latest changes of the draft, newest first."""
+        return tuple(self._log.newest(count))
+
+    def last_change(self, thing: Thing) -> LogEntry | None:
+        """Return the entry that changed a thing last; None where none has since the draft began."""
+        entries = self._changed.get(thing, {}).values()
+        return max(entries, key=lambda entry: entry.version, default=None)
 
     def graph_at(self, version: int) -> PoiGraph:
         """Return the draft as it was in an earlier version. Raises NotFoundError where there was none."""
         graph = PoiGraph(roads=self._recorded)
-        for entry in self._log.entries():
-            if entry.version > version:
-                break
+        for entry in self._log.entries(version):
             graph = apply_delta(graph, entry.delta, entry.version)
         if graph.version != version:
             raise NotFoundError(f"There is no version {version} of this map: look at the history for those that are.")
@@ -153,11 +168,23 @@ class SiteModel:
         An edit that changes nothing makes no version. Raises InputError, PlanningError, or, where somebody else has
         changed the same thing since, EditConflictError with both; then nothing is changed.
         """
+        for _ in range(_TRIES):
+            # An edit of a long road takes seconds, in which nobody else should have to wait.
+            before = self._graph
+            after = self._evaluated(edit, who, base_version, before)
+            # Whoever looks at the draft next finds its network made.
+            self._network_of(after)
+            with self._lock:
+                if self._graph is before:
+                    self._refuse_conflict(edit, who, base_version, before)
+                    return self._make("edit", who, difference(before, after), edit=edit)
         with self._lock:
-            if base_version is not None:
-                self._refuse_conflict(edit, who, base_version)
-            delta = difference(self._graph, evaluate(edit, self._graph, self.network))
-            return self._make("edit", who, delta, edit=edit)
+            after = self._evaluated(edit, who, base_version, self._graph)
+            return self._make("edit", who, difference(self._graph, after), edit=edit)
+
+    def _evaluated(self, edit: Edit, who: str, base_version: int | None, graph: PoiGraph) -> PoiGraph:
+        self._refuse_conflict(edit, who, base_version, graph)
+        return evaluate(edit, graph, self._network_of(graph))
 
     def replace(self, graph: PoiGraph, who: str, why: str = "", base_version: int | None = None) -> PoiGraph:
         """Put another graph in the draft's place, as one change that one undo takes back; return the new draft.
@@ -172,13 +199,17 @@ class SiteModel:
             validate(whole)
             return self._make("import", who, difference(self._graph, whole), why=why)
 
-    def roll_back(self, version: int, who: str) -> PoiGraph:
+    def roll_back(self, version: int, who: str, base_version: int | None = None) -> PoiGraph:
         """Make the draft what it was in an earlier version, as one change that one undo takes back; return it.
 
-        Raises NotFoundError where there is no such version.
+        Raises NotFoundError where there is no such version, and ConflictError where the draft is no longer of the
+        ``base_version`` that was looked at: what others have done since would be gone with it, unseen.
         """
+        then = self.graph_at(version)
+        self._network_of(then)
         with self._lock:
-            delta = difference(self._graph, self.graph_at(version))
+            self._refuse_other_draft(base_version)
+            delta = difference(self._graph, then)
             return self._make("rollback", who, delta, target_version=version)
 
     def name_version(self, name: str, who: str) -> VersionName:
@@ -190,21 +221,43 @@ class SiteModel:
 
     def undo(self, who: str) -> PoiGraph:
         """Take back the latest edit of ``who``. Raises ConflictError where there is none, or others built on it."""
-        with self._lock:
-            entry = self._pop(self._undo, who, "There is nothing to undo.")
-            self._advance("undo", who, entry.delta.inverse(), target_version=entry.version)
-            self._redo.setdefault(who, []).append(entry)
-            self._tell("undo", who)
-            return self._graph
+        return self._step("undo", who, self._undo, self._redo, "There is nothing to undo.")
 
     def redo(self, who: str) -> PoiGraph:
         """Make again what ``who`` took back last. Raises ConflictError where it cannot be done."""
+        return self._step("redo", who, self._redo, self._undo, "There is nothing to redo.")
+
+    def _step(
+        self,
+        kind: Literal["undo", "redo"],
+        who: str,
+        source: dict[str, list[LogEntry]],
+        sink: dict[str, list[LogEntry]],
+        nothing: str,
+    ) -> PoiGraph:
+        self._prepare_network(kind, source.get(who))
         with self._lock:
-            entry = self._pop(self._redo, who, "There is nothing to redo.")
-            self._advance("redo", who, entry.delta, target_version=entry.version)
-            self._undo.setdefault(who, []).append(entry)
-            self._tell("redo", who)
+            if not source.get(who):
+                raise ConflictError(nothing)
+            entry = source[who][-1]
+            delta = entry.delta.inverse() if kind == "undo" else entry.delta
+            try:
+                self._advance(kind, who, delta, target_version=entry.version)
+            except ConflictError:
+                # It stays off the stack: the next call reaches what lies below it.
+                source[who].pop()
+                raise
+            _push(sink, who, source[who].pop())
+            self._tell(kind, who)
             return self._graph
+
+    def _prepare_network(self, kind: Literal["undo", "redo"], stack: list[LogEntry] | None) -> None:
+        """Work out what the roads will be before anybody has to wait for it."""
+        if not stack or not stack[-1].delta.roads:
+            return
+        delta = stack[-1].delta.inverse() if kind == "undo" else stack[-1].delta
+        with contextlib.suppress(ConflictError):
+            self._network_of(apply_delta(self._graph, delta, 0))
 
     def publish(self, who: str, version: int | None = None) -> PoiGraph:
         """Make the draft the graph that devices are given; return it.
@@ -212,8 +265,7 @@ class SiteModel:
         Raises ConflictError where the draft is no longer of the ``version`` that was looked at.
         """
         with self._lock:
-            if version is not None and version != self._graph.version:
-                raise ConflictError("The draft has been changed meanwhile: look at it again, then publish.")
+            self._refuse_other_draft(version)
             if self._published.version != self._graph.version:
                 self._publish_as(who)
                 self._tell("publish", who)
@@ -234,7 +286,7 @@ class SiteModel:
         if delta.is_empty:
             return self._graph
         entry = self._advance(kind, who, delta, edit=edit, target_version=target_version, why=why)
-        self._undo.setdefault(who, []).append(entry)
+        _push(self._undo, who, entry)
         self._redo.pop(who, None)
         self._tell(kind, who)
         return self._graph
@@ -261,46 +313,41 @@ class SiteModel:
 
     def _take(self, entry: LogEntry, changed: PoiGraph) -> None:
         self._graph = changed
-        delta = entry.delta
-        for poi_id in delta.pois:
-            self._changed["poi", poi_id] = entry
-        for edge_id in delta.edges:
-            self._changed["edge", edge_id] = entry
-        for road_id in delta.roads:
-            self._changed["road", road_id] = entry
+        for thing in changed_by(entry.delta):
+            self._changed.setdefault(thing, {})[entry.author] = entry
 
-    def _refuse_conflict(self, edit: Edit, who: str, base_version: int) -> None:
-        for thing in touched(edit, self._graph):
-            entry = self._changed.get(thing)
-            if entry is None or entry.version <= base_version or entry.author in (who, SYSTEM):
+    def _refuse_conflict(self, edit: Edit, who: str, base_version: int | None, graph: PoiGraph) -> None:
+        if base_version is None:
+            return
+        for thing in touched(edit, graph):
+            others = [entry for author, entry in self._changed.get(thing, {}).items() if author not in (who, SYSTEM)]
+            newest = max(others, key=lambda entry: entry.version, default=None)
+            if newest is None or newest.version <= base_version:
                 continue
             try:
-                yours: PoiGraph | None = self.preview(edit)
+                yours: PoiGraph | None = evaluate(edit, graph, self._network_of(graph))
             except VbrError:
                 yours = None
-            raise EditConflictError(thing, entry, self._graph, yours)
+            raise EditConflictError(thing, newest, graph, yours)
+
+    def _refuse_other_draft(self, version: int | None) -> None:
+        if version is not None and version != self._graph.version:
+            raise ConflictError("The draft has been changed meanwhile: look at it again first.")
 
     def _refuse_off_road(self, changed: PoiGraph, delta: GraphDelta) -> None:
         """What comes back, or stands where a road goes, must have its road."""
-        network = self._network_of(changed)
+        before, after = self._network_of(self._graph), self._network_of(changed)
         pois, edges = (changed.pois, changed.edges) if delta.roads else (delta.pois, delta.edges)
-        if (name := without_road(changed, network, pois, edges)) is not None:
+        if (name := newly_without_road(self._graph, changed, before, after, pois, edges)) is not None:
             raise ConflictError(f"{name} would be left without a road, which was changed meanwhile: change it by hand.")
 
     def _network_of(self, graph: PoiGraph) -> RoadNetwork:
-        roads, network = self._network
-        if roads is not graph.roads:
-            network = network_of(graph.roads)
-            self._network = graph.roads, network
+        for roads, network in self._networks:
+            if roads is graph.roads or roads == graph.roads:
+                return network
+        network = network_of(graph.roads)
+        self._networks = [(graph.roads, network), *self._networks[: _NETWORKS_KEPT_COUNT - 1]]
         return network
-
-    @staticmethod
-    def _pop(stacks: dict[str, list[LogEntry]], who: str, nothing: str) -> LogEntry:
-        # An entry that turns out to conflict stays off the stack: the next call reaches what lies below it.
-        stack = stacks.get(who)
-        if not stack:
-            raise ConflictError(nothing)
-        return stack.pop()
 
     def _publish_as(self, who: str) -> None:
         self._log.add_publication(Publication(self._without_recorded(self._graph), who, self._now_s()))

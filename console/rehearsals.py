@@ -24,7 +24,9 @@ LONGEST_M = 1000.0
 _LONGEST_S = 30.0
 """Longest that one rehearsal may take."""
 _LONGEST_WAIT_S = 5.0
-"""Longest that others wait for it: they hold threads that other requests need."""
+"""Longest that another waits for it: it holds a thread that other requests need."""
+_MAX_WAITING = 2
+"""So many wait; whoever comes then is told at once."""
 _MAX_KNOWN = 5000
 """Sounds of so many different cues can be asked for; of older ones after the next rehearsal."""
 _MAX_CACHED_BYTES = 16 << 20
@@ -41,14 +43,23 @@ class Rehearsals:
         self._now_s = now_s
         self._longest_s = longest_s
         self._turn = threading.Lock()
+        self._present = threading.BoundedSemaphore(1 + _MAX_WAITING)
 
     def rehearse(self, graph: PoiGraph, start_id: str, destination_id: str, settings: Settings) -> Rehearsal:
         """Return what is heard on the way. Raises ConsoleError, or InputError where the way is too long."""
         for poi_id in (start_id, destination_id):
             if poi_id not in graph.pois:
                 raise NotFoundError(f"There is no place {poi_id!r}: it may have been deleted meanwhile.")
+        if not self._present.acquire(blocking=False):
+            raise _too_many()
+        try:
+            return self._rehearse_in_turn(graph, start_id, destination_id, settings)
+        finally:
+            self._present.release()
+
+    def _rehearse_in_turn(self, graph: PoiGraph, start_id: str, destination_id: str, settings: Settings) -> Rehearsal:
         if not self._turn.acquire(timeout=min(self._longest_s, _LONGEST_WAIT_S)):
-            raise TooManyError("Other ways are being rehearsed: try again in a moment.", 5.0)
+            raise _too_many()
         try:
             until_s = self._now_s() + self._longest_s
             return rehearse(
@@ -63,6 +74,10 @@ class Rehearsals:
             raise ConflictError("This rehearsal takes too long: rehearse the way in parts.") from error
         finally:
             self._turn.release()
+
+
+def _too_many() -> TooManyError:
+    return TooManyError("Other ways are being rehearsed: try again in a moment.", 5.0)
 
 
 @dataclass(frozen=True, slots=True)

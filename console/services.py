@@ -23,6 +23,7 @@ from console.store import Store
 from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
+from navcore.settings import SettingValue
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +87,11 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
-    checks = MapChecks(model, surveys)
+
+    def device_settings() -> list[dict[str, SettingValue]]:
+        return [tuning.running_values(device) for device in hub.devices() if device.connected]
+
+    checks = MapChecks(model, surveys, device_settings=device_settings)
     return Services(
         config=config,
         store=store,

@@ -44,6 +44,11 @@ def add_actions(actions: argparse._SubParsersAction[argparse.ArgumentParser]) ->
         action="store_true",
         help="show the imported cloud instead of the one that is there; put an archive in the place of the site",
     )
+    bring.add_argument(
+        "--confirmed",
+        action="store_true",
+        help="publish a graph although the checks find errors in it: you have looked",
+    )
     add_session_options(bring)
     bring.set_defaults(run=_import)
 
@@ -164,6 +169,8 @@ def _import(arguments: argparse.Namespace) -> int:
             "Only a cloud or a whole site can take the place of what is there: leave --replace out, or name a --cloud"
             " or an --archive."
         )
+    if arguments.confirmed and arguments.graph is None:
+        raise InputError("Only a graph is checked before it is published: leave --confirmed out, or name a --graph.")
     if arguments.archive is not None:
         return _import_archive(arguments)
     if arguments.graph is not None:
@@ -196,6 +203,8 @@ def _import_graph(arguments: argparse.Namespace) -> int:
     try:
         with arguments.graph.open("rb") as file:
             found = imported(file.read(MAX_GRAPH_FILE_BYTES + 1), _with_roads(site))
+        if not arguments.confirmed:
+            _refuse_errors(found.graph)
         unedited = found.graph.roads == recorded_roads(site.roads_m)
         graph = msgspec.structs.replace(found.graph, roads={}) if unedited else found.graph
         save_poi_graph(graph, arguments.site)
@@ -205,9 +214,25 @@ def _import_graph(arguments: argparse.Namespace) -> int:
         sys.stderr.write(f"vbr: {sentence}\n")
     sys.stdout.write(
         f"{arguments.site} has version {graph.version} of its PoI-graph: {len(graph.pois)} places,"
-        f" {len(graph.edges)} connections.\n"
+        f" {len(graph.edges)} connections. Whether there is room along them only the console's check knows.\n"
     )
     return 0
+
+
+def _refuse_errors(graph: PoiGraph) -> None:
+    """Raise InputError where the checks that need no cloud find errors: devices take what is published."""
+    from navcore.map_check.checker import findings_of
+    from navcore.map_check.evidence import MapEvidence
+    from navcore.planning.road_edits import network_of
+
+    found = findings_of(MapEvidence(graph, network_of(graph.roads)))
+    errors = [finding for finding in found if finding.severity == "error"]
+    if errors:
+        listed = "".join(f"\n  {error.text} {error.action}" for error in errors)
+        raise InputError(
+            f"The graph is not published, for it has errors ({len(errors)}): mend them, or give --confirmed where you"
+            f" know that it is safe.{listed}"
+        )
 
 
 def _import_session(arguments: argparse.Namespace) -> int:

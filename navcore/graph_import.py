@@ -19,7 +19,14 @@ from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignLink, ForeignMap, ForeignPlace, Point, shown
 from navcore.planning import edits
 from navcore.planning.poi_graph import Poi, PoiGraph, PoiKind
-from navcore.planning.road_edits import checked_line, draw_roads, network_of, without_road
+from navcore.planning.road_edits import (
+    MAX_ROADS_LENGTH_M,
+    checked_line,
+    draw_roads,
+    network_of,
+    refuse_too_wide,
+    without_road,
+)
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.road_network import RoadNetwork
 
@@ -28,8 +35,8 @@ MAX_POINT_COUNT = 400_000
 """Forty kilometres of road with a point every 0.1 m; looked at before anything is read, for each takes memory."""
 MAX_FOREIGN_COUNT = 3000
 """Places, lines and links of a file of another program: each is an edit of its own."""
-MAX_FOREIGN_LENGTH_M, MAX_ROAD_LENGTH_M = 10_000.0, 40_000.0
-"""All lines of a file of another program, all roads of our own: they are walked through to find where they join."""
+MAX_FOREIGN_LENGTH_M = 10_000.0
+"""All lines of a file of another program: they are walked through to find where they join."""
 END_DISTANCE_M = 0.5
 """A line that ends so near to a place is meant to end at it."""
 SAME_ROAD_M = 0.25
@@ -65,6 +72,7 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
     _refuse_too_much(found)
     if isinstance(found, PoiGraph):
         graph = msgspec.structs.replace(found, roads=found.roads or draft.roads)
+        refuse_too_wide(graph.roads, draft.roads)
         unused: tuple[str, ...] = ()
         notes = _notes(graph)
     else:
@@ -76,10 +84,10 @@ def imported(data: bytes, draft: PoiGraph) -> GraphImport:
 
 
 def _notes(graph: PoiGraph) -> tuple[str, ...]:
-    off_road = without_road(graph, network_of(graph.roads), graph.pois, ())
+    off_road = without_road(graph, network_of(graph.roads), graph.pois, graph.edges)
     if off_road is None:
         return ()
-    return (f"{off_road} stands on no road here, and others may: see whether the file is of this site.",)
+    return (f"{off_road} lies on no road here, and others may: see whether the file is of this site.",)
 
 
 def read_graph(data: bytes) -> PoiGraph | ForeignMap:
@@ -101,7 +109,7 @@ def read_graph(data: bytes) -> PoiGraph | ForeignMap:
 
 def _refuse_too_much(found: PoiGraph | ForeignMap) -> None:
     if isinstance(found, PoiGraph):
-        lines, longest_m = [road.points_m for road in found.roads.values()], MAX_ROAD_LENGTH_M
+        lines, longest_m = [road.points_m for road in found.roads.values()], MAX_ROADS_LENGTH_M
     else:
         lines, longest_m = [line.points_m for line in found.lines], MAX_FOREIGN_LENGTH_M
         if len(found.places) + len(found.lines) + len(found.links) > MAX_FOREIGN_COUNT:
@@ -153,8 +161,7 @@ def _is_new_road(network: RoadNetwork, line: ForeignLine, unused: list[str]) -> 
     except InputError as error:
         unused.append(f"{line.label}: {error}")
         return False
-    even = evenly_spaced(np.array(points), _STEP_M).tolist()
-    return network.is_empty or any(network.nearest(x_m, y_m).distance_m > SAME_ROAD_M for x_m, y_m in even)
+    return bool((network.distances_m(evenly_spaced(np.array(points), _STEP_M)) > SAME_ROAD_M).any())
 
 
 def _add_place(growing: _Growing, place: ForeignPlace) -> None:

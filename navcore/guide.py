@@ -390,6 +390,10 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     settings, before, heading = cycle.settings, cycle.previous, trace.heading
     if trace.optimal is not None and abs(trace.optimal) > math.radians(settings.obstacle.candidate_step_deg / 2):
         return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
+    begun = _begun_aside(cycle, error, heading)
+    if begun is not None:
+        going_on = replace(trace, optimal=begun)
+        return cycle.turn(TurnKind.ASIDE, begun, going_on, f"{why}: the turn to the free direction goes on")
     last_look = None if before is None else before.trace.look_target
     waits = trace.stopped_since_s is None or cycle.stamp_s - trace.stopped_since_s < LOOK_AFTER_S
     faces = abs(error) <= _look_threshold_rad(cycle)
@@ -401,6 +405,22 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     if not faces:
         return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
     return cycle.stop(reason, trace, why)
+
+
+def _begun_aside(cycle: _Cycle, error: RelativeAngle, heading: WorldAngle | None) -> RelativeAngle | None:
+    """Return what is left of a turn to a free direction that was told in the frame before.
+
+    At the edge of what is free the direction comes and goes with every tremble of the pose. Who is told to stop, and to
+    turn, and to stop, does neither; turning on the spot needs no free space, and when it is done it is looked again. It
+    is left where it leads somewhere else by now.
+    """
+    before = cycle.previous
+    if before is None or heading is None or before.trace.turn is not TurnKind.ASIDE:
+        return None
+    begun = _last_direction(cycle, heading)
+    if begun is None or abs(begun) <= _FACED_RAD or abs(wrap_rad(error - begun)) > _FARTHEST_ASIDE_RAD:
+        return None
+    return begun
 
 
 def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:

@@ -176,7 +176,7 @@ def _graph_after(
     graph = site.poi_graph
     drawn = drawn_lines_m(graph)
     drawn_now = [_moved_places(joined.known, line) for line in drawn]
-    before, network = _network((*site.roads_m, *drawn)), _network((*roads, *drawn_now))
+    before, network = _network(site.roads_m, drawn), _network(roads, drawn_now)
     graph = msgspec.structs.replace(graph, roads=roads_with_drawn(roads, drawn_now))
     places = np.array([(poi.x_m, poi.y_m) for poi in graph.pois.values()]).reshape(-1, 2)
     moved = dict(zip(graph.pois, map(_pair, _moved_places(joined.known, places)), strict=True))
@@ -196,9 +196,8 @@ def _placed(graph: PoiGraph, places_m: dict[str, tuple[float, float]]) -> PoiGra
     return PoiGraph(graph.version, pois, graph.edges, graph.roads)
 
 
-def _network(roads_m: Sequence[FloatArray]) -> RoadNetwork:
-    """A recording has heights; a drawn line has none, and the network needs none."""
-    return RoadNetwork.from_roads([road[:, :2] for road in roads_m])
+def _network(roads_m: Sequence[FloatArray], drawn_m: Sequence[FloatArray]) -> RoadNetwork:
+    return RoadNetwork.from_roads(roads_m, drawn_m=drawn_m)
 
 
 # ------------------------------------------------------------------------------------------------------- removing
@@ -219,7 +218,7 @@ def remove_session(site: Site, session_id: str) -> Growth:
     roads = tuple(road for road, _ in kept)
     drawn = drawn_lines_m(site.poi_graph)
     graph = msgspec.structs.replace(site.poi_graph, roads=roads_with_drawn(roads, drawn))
-    before, network = _network((*site.roads_m, *drawn)), _network((*roads, *drawn))
+    before, network = _network(site.roads_m, drawn), _network(roads, drawn)
     carried = carried_over(graph, {}, {}, before, network)
     left = replace(
         with_cloud(site, cloud_without_session(cloud_of(site), number)),

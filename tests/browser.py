@@ -40,13 +40,28 @@ _PROJECT = """
   return [box.x + (place.x + 1) / 2 * box.width, box.y + (1 - place.y) / 2 * box.height];
 }
 """
+_PROJECT_POINT = """
+([x, y, z]) => {
+  const viewer = window.__viserMutable;
+  const map = viewer && viewer.nodeRefFromName && viewer.nodeRefFromName['/map'];
+  if (!map || !viewer.camera || !viewer.canvas) return null;
+  map.updateWorldMatrix(true, false);
+  viewer.camera.updateMatrixWorld();
+  const place = map.localToWorld(map.position.clone().set(x, y, z)).project(viewer.camera);
+  const box = viewer.canvas.getBoundingClientRect();
+  return [box.x + (place.x + 1) / 2 * box.width, box.y + (1 - place.y) / 2 * box.height];
+}
+"""
 _BUTTON = """
 ([kind, text]) => {
   const found = [...document.querySelectorAll(kind)].find(
     (e) => (e.title || e.textContent || '').includes(text) && e.getClientRects().length);
   if (!found) return null;
+  found.scrollIntoView({ block: 'nearest' });
   const box = found.getBoundingClientRect();
-  return [box.x + box.width / 2, box.y + box.height / 2];
+  const middle = [box.x + box.width / 2, box.y + box.height / 2];
+  // What lies over it would be pressed in its place.
+  return found.contains(document.elementFromPoint(...middle)) ? middle : null;
 }
 """
 
@@ -152,6 +167,13 @@ class SceneHands:
         self.page.wait_for_timeout(400)
         self.page.mouse.up()
 
+    def click_floor(self, x_m: float, y_m: float, z_m: float = 0.0) -> None:
+        """Click where a point of the map is seen, whatever is there."""
+        place = self._on_page(until(self.page, lambda: self._evaluate(_PROJECT_POINT, [x_m, y_m, z_m]), "the map"))
+        assert place is not None
+        self._press_at(*place)
+        self.page.mouse.up()
+
     def _press_at(self, x: float, y: float) -> None:
         # Viser finds what lies under the pointer when it moves: it needs a moment before the press.
         self.page.mouse.move(x + 3, y + 3)
@@ -161,12 +183,12 @@ class SceneHands:
 
     def press_button(self, text: str, kind: str = "button") -> None:
         """Press a button of the scene's panel (``kind="[role=tab]"`` for a tab)."""
-        last: list[Any] = [None]
+        seen: list[Any] = []
 
         def rests() -> Any:
-            # A tab that has just been opened still moves what is on it.
-            before, last[0] = last[0], self._evaluate(_BUTTON, [kind, text])
-            return last[0] if last[0] == before else None
+            # A tab that has just been opened, or a form that comes, still moves what is on the panel.
+            seen.append(self._evaluate(_BUTTON, [kind, text]))
+            return seen[-1] if len(seen) > 3 and all(each == seen[-1] for each in seen[-4:]) else None
 
         on_page = self._on_page(until(self.page, rests, f"the button {text!r}"))
         assert on_page is not None

@@ -113,13 +113,62 @@ def test_a_place_is_tagged_by_a_click_on_the_road_its_name_and_enter(page: Page,
     until(page, lambda: "Add place" in hands.frame.inner_text("body"), "the form of the new place")
 
     # Digits and letters that are shortcuts elsewhere are letters here.
-    hands.frame.locator("input:visible").first.click()
+    until(page, lambda: hands.frame.evaluate("document.activeElement.tagName") == "INPUT", "the cursor in the name")
     page.keyboard.type("Room 123")
     page.keyboard.press("Enter")
     until(page, lambda: len(model.graph.pois) == 4, "the place")
     (place,) = [poi for poi in model.graph.pois.values() if poi.name == "Room 123"]
     assert place.on_road
     assert 4.0 < place.x_m < 9.0
+
+
+@pytest.mark.slow
+def test_roads_places_and_connections_are_worked_on_with_the_mouse_alone(page: Page, console: ConsoleServer) -> None:
+    model = console.services.model
+    hands = open_scene(page, console)
+    hands.steady_pixel_of("/graph/poi/hall/head")
+
+    # All neighbours at one stroke: shown first, then accepted.
+    hands.press_button("Propose")
+    until(page, lambda: "1 new connection, 6.0 m" in hands.frame.inner_text("body"), "what would be added")
+    hands.press_button("Accept")
+    until(page, lambda: len(model.graph.edges) == 2, "the proposed connection")
+
+    # A place on a connection cuts it in two; a place is merged into another.
+    hands.press_button("Select (1)")
+    hands.click_floor(6.0, 0.0, 0.12)
+    until(page, lambda: "Place on it" in hands.frame.inner_text("body"), "the connection's form")
+    hands.press_button("Place on it")
+    hands.click_floor(6.0, 0.0)
+    hands.press_button("Add place")
+    until(page, lambda: len(model.graph.edges) == 3, "the connection in two")
+    (middle,) = model.graph.pois.keys() - {"hall", "junction", "bar"}
+    hands.click_node(f"/graph/poi/{middle}/head")
+    hands.press_button("Merge into")
+    hands.click_node("/graph/poi/hall/head")
+    until(page, lambda: middle not in model.graph.pois, "one place in place of two")
+
+    # A road is drawn by clicks, cut, and deleted piece by piece.
+    hands.press_button("Draw a road")
+    hands.click_floor(14.0, 0.0)
+    hands.click_floor(14.0, 5.0)
+    until(page, lambda: "5.0 m drawn" in hands.frame.inner_text("body"), "the line so far")
+    hands.press_button("Accept")
+    until(page, lambda: "r3" in model.graph.roads, "the drawn road")
+    hands.press_button("Select (1)")
+    hands.click_floor(14.0, 3.8, 0.05)
+    hands.press_button("Split here")
+    hands.click_floor(14.0, 2.5)
+    until(page, lambda: "r4" in model.graph.roads, "the road in two")
+    hands.click_floor(14.0, 1.2, 0.05)
+    until(page, lambda: selected(console) == ("road", "r3"), "one part to be selected")
+    hands.press_button("Join")
+    hands.click_floor(14.0, 3.8, 0.05)
+    until(page, lambda: "r4" not in model.graph.roads, "the two parts joined")
+    hands.press_button("Delete road")
+    until(page, lambda: model.graph.roads.keys() == {"r1", "r2"}, "the road to be gone")
+    hands.press_button("Undo")
+    until(page, lambda: "r3" in model.graph.roads, "the road to be back")
 
 
 @pytest.mark.slow
@@ -185,6 +234,12 @@ def test_a_reload_in_the_middle_of_a_drag_changes_nothing_and_another_window_see
     other_page.close()
 
 
+def selected(console: ConsoleServer) -> object:
+    """What the one window that is open has selected."""
+    (present,) = console.services.presence.windows()
+    return present.thing
+
+
 def console_moves(console: ConsoleServer) -> bool:
     """Whether somebody is moving something."""
     return any(present.doing == "dragging" for present in console.services.presence.windows())
@@ -201,11 +256,11 @@ def test_a_finding_is_shown_in_the_console_s_own_scene_where_none_is_open(page: 
     page.goto(f"{console.ready.url}/checks")
     page.get_by_role("button", name="Show in the scene: The bar is narrow.").press("Enter")
     page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
-    until(page, lambda: "bar" in selected(console), "the scene to show the bar")
+    until(page, lambda: "bar" in selected_ids(console), "the scene to show the bar")
     assert page.evaluate("sessionStorage['show-in-scene']") is None
 
 
-def selected(console: ConsoleServer) -> set[str]:
+def selected_ids(console: ConsoleServer) -> set[str]:
     """The identifiers of what somebody has selected in a scene."""
     return {present.thing[1] for present in console.services.presence.windows() if present.thing is not None}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+import threading
 from pathlib import Path
 
 import msgspec
@@ -12,6 +13,7 @@ from console_room import first_admin, invited, serving
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+import console.model
 from console.edit_conflict import EditConflictError
 from console.edits import (
     AddEdge,
@@ -35,8 +37,8 @@ from console.edits import (
     touched,
 )
 from console.errors import ConflictError, NotFoundError
-from console.graph_delta import apply_delta, difference
-from console.graph_log import MemoryGraphLog
+from console.graph_delta import apply_delta, changed_by, difference
+from console.graph_log import LogEntry, MemoryGraphLog
 from console.graph_store import StoredGraphLog
 from console.model import SiteModel
 from console.store import DATABASE_FILE, Store
@@ -218,7 +220,7 @@ def test_an_undo_never_takes_away_what_others_built_on_it() -> None:
     model.apply(AddEdge("door", "bar"), "Bob")
     with pytest.raises(ConflictError, match="Bar"):
         model.undo("Ada")
-    with pytest.raises(ConflictError, match="edge"):
+    with pytest.raises(ConflictError, match="The connection Door – Bar was drawn since"):
         model.undo("Ada")
     assert set(model.graph.pois) == {"door", "bar"}
     assert len(model.graph.edges) == 1
@@ -265,6 +267,69 @@ def test_what_was_deleted_meanwhile_is_said_so_and_other_things_do_not_clash() -
     assert caught.value.details()["conflict"]["theirs"] is None
 
 
+def test_what_somebody_decided_is_not_hidden_by_what_merely_follows_ones_own_edit() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    for name, x_m in (("Door", 1.0), ("Bar", 6.0)):
+        model.apply(AddPoi(name, "door", x_m, 0.0), "Ada")
+    seen = model.apply(AddEdge("door", "bar"), "Ada").version
+    model.apply(SetEdge("e1", closed=True), "Bob", seen)
+    model.apply(MovePoi("bar", 5.0, 0.0), "Ada", model.graph.version)
+    with pytest.raises(EditConflictError, match="Bob has changed this connection"):
+        model.apply(SetEdge("e1", closed=False), "Ada", seen)
+    seen = model.graph.version
+    model.apply(MovePoi("bar", 4.0, 0.0), "Bob", seen)
+    model.apply(SetEdge("e1", cost_multiplier=2.0), "Ada", seen)
+    assert model.graph.edges["e1"].closed, "a connection that merely followed is nobody's decision"
+    last = model.last_change(("poi", "bar"))
+    assert last is not None
+    assert last.author == "Bob"
+
+
+def test_an_undo_that_cannot_be_written_can_be_tried_again() -> None:
+    class FullDisk(MemoryGraphLog):
+        is_full = False
+
+        def append(self, entry: LogEntry) -> None:
+            if self.is_full:
+                raise OSError(28, "No space left on device")
+            super().append(entry)
+
+    log = FullDisk()
+    model = SiteModel(SITE, log)
+    before = model.graph
+    model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
+    log.is_full = True
+    with pytest.raises(OSError, match="No space"):
+        model.undo("Ada")
+    log.is_full = False
+    assert things(model.undo("Ada")) == things(before)
+
+
+def test_nobody_waits_for_an_edit_of_the_road_that_takes_long() -> None:
+    model = SiteModel(SITE, MemoryGraphLog())
+    begun, done = threading.Event(), threading.Event()
+    evaluated = console.model.evaluate
+
+    def slow(edit: Edit, graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
+        if isinstance(edit, SmoothRoad) and not done.is_set():
+            begun.set()
+            assert done.wait(20)
+        return evaluated(edit, graph, network)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(console.model, "evaluate", slow)
+        smoothing = threading.Thread(target=model.apply, args=(SmoothRoad("r1"), "Ada"))
+        smoothing.start()
+        assert begun.wait(20)
+        model.apply(AddPoi("Door", "door", 1.0, 0.0), "Bob")
+        assert "door" in model.graph.pois, "while the other edit is still worked out"
+        done.set()
+        smoothing.join(20)
+    kinds = [entry.author for entry in model.history(2)]
+    assert kinds == ["Ada", "Bob"]
+    assert "door" in model.graph.pois, "the slow edit is of the draft as it was when it was made"
+
+
 def test_an_edge_drawn_meanwhile_to_a_place_is_not_deleted_with_it_unseen() -> None:
     model = SiteModel(SITE, MemoryGraphLog())
     model.apply(AddPoi("Door", "door", 1.0, 0.0), "Ada")
@@ -279,11 +344,13 @@ def test_an_edge_drawn_meanwhile_to_a_place_is_not_deleted_with_it_unseen() -> N
 def test_two_editors_lose_nothing_silently(steps: list[tuple[str, Edit, int]]) -> None:
     """Each edit is of a version some steps old: it is made as asked, or refused, and nothing of the other's changes."""
     model = SiteModel(SITE, MemoryGraphLog())
-    last_by: dict[object, tuple[int, str]] = {}
+    last_by: dict[object, dict[str, int]] = {}
     for who, edit, steps_old in steps:
         before = model.graph
         base = max(0, before.version - steps_old)
-        theirs = {thing for thing, (version, author) in last_by.items() if version > base and author != who}
+        theirs = {
+            thing for thing, by in last_by.items() if any(author != who and at > base for author, at in by.items())
+        }
         clashes = theirs & set(touched(edit, before))
         try:
             after = model.apply(edit, who, base)
@@ -292,9 +359,8 @@ def test_two_editors_lose_nothing_silently(steps: list[tuple[str, Edit, int]]) -
             continue
         assert not clashes
         assert things(after) == things(evaluate(edit, before, model_network(before)))
-        delta = difference(before, after)
-        for kind, keys in (("poi", delta.pois), ("edge", delta.edges), ("road", delta.roads)):
-            last_by.update({(kind, key): (after.version, who) for key in keys})
+        for thing in changed_by(difference(before, after)):
+            last_by.setdefault(thing, {})[who] = after.version
 
 
 def model_network(graph: PoiGraph) -> RoadNetwork:
@@ -314,7 +380,9 @@ def test_a_named_version_can_be_gone_back_to_and_that_be_undone(tmp_path: Path) 
     model.apply(DeletePoi("door"), "Ada")
     model.apply(AddPoi("Bar", "bar", 0.0, 2.0), "Bob")
     worse = model.graph
-    assert things(model.roll_back(named.version, "Ada")) == things(good)
+    with pytest.raises(ConflictError, match="changed meanwhile"):
+        model.roll_back(named.version, "Ada", worse.version - 1)
+    assert things(model.roll_back(named.version, "Ada", worse.version)) == things(good)
     assert model.graph.version == worse.version + 1, "nothing of what was is taken out of the log"
     again = SiteModel(SITE, log)
     assert again.graph == model.graph
@@ -448,7 +516,9 @@ def test_editing_through_the_api_and_over_a_restart(tmp_path: Path) -> None:
         assert admin.http.post("/api/undo").json()["edges"] == []
         refused = admin.http.post("/api/publish")
         assert (refused.status_code, refused.json()["findings"][0]["code"]) == (409, "unreachable_poi")
-        published = admin.http.post("/api/publish", json={"confirmed": True}).json()
+        assert admin.http.post("/api/publish", json={"confirmed": True}).status_code == 400
+        confirmed = {"confirmed": True, "version": refused.json()["version"]}
+        published = admin.http.post("/api/publish", json=confirmed).json()
         assert published["published_version"] == published["version"]
         assert len(published["destinations"]) == 3
         assert load_poi_graph(tmp_path / "site") == server.services.model.for_devices

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,9 @@ from corridor_cloud import ROAD_M, box, corridor
 from console.checks import CheckState, MapChecks
 from console.edits import AddPoi, SetEdge, UpdatePoi
 from console.errors import ConflictError
+from console.floor_plans import FloorPlans
 from console.graph_log import MemoryGraphLog
+from console.map_geometry.floor_plan import FloorPlan, floor_plan
 from console.model import SiteModel
 from console.publishing import UnconfirmedError, publish
 from console.server import ConsoleServer
@@ -28,7 +31,7 @@ from navcore.map_check.evidence import Announced, RehearsedRoute
 from navcore.planning.edits import add_poi, propose_edges
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.road_network import RoadNetwork
-from navcore.rehearsal.every_leg import EveryLeg
+from navcore.rehearsal.every_leg import EveryLeg, all_routes_announced
 from navcore.settings import Settings
 from navcore.site import Site, map_checksum, save_site
 from navcore.types import CameraIntrinsics
@@ -120,7 +123,15 @@ def test_an_editor_checks_the_draft_and_everybody_sees_what_was_found(served: Co
     assert (pole["code"], pole["severity"]) == ("edge_through_obstacle", "error")
     assert (pole["x_m"], pole["y_m"]) == (pytest.approx(6.05, abs=0.15), pytest.approx(0.0, abs=0.1))
     assert (found["version"], found["is_stale"]) == (found["draft_version"], False)
-    assert found["sentence"] == "Found 1 error."
+    assert found["sentence"].startswith("Found 1 error. Checked for a person 0.7 m wide,")
+
+
+def when_measured(person: Person, path: str, **options: Any) -> Any:
+    """Return an answer as the page gets it: it asks again while the map is being measured."""
+    deadline_s = time.monotonic() + WAIT_S
+    while (answer := person.http.get(path, **options)).status_code == 409 and time.monotonic() < deadline_s:
+        time.sleep(0.05)
+    return answer.raise_for_status()
 
 
 def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada: Person) -> None:
@@ -128,7 +139,7 @@ def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada:
     assert ada.http.get("/api/floor-plan.png", params={"theme": "pink"}).status_code == 400
     pictures = []
     for theme in ("light", "dark"):
-        answer = ada.http.get("/api/floor-plan.png", params={"theme": theme}).raise_for_status()
+        answer = when_measured(ada, "/api/floor-plan.png", params={"theme": theme})
         assert answer.headers["content-type"] == "image/png"
         picture = cv2.imdecode(np.frombuffer(answer.content, np.uint8), cv2.IMREAD_COLOR)
         width_m = picture.shape[1] * float(answer.headers["x-metres-per-pixel"])
@@ -136,15 +147,29 @@ def test_the_floor_plan_is_for_all_who_are_signed_in(served: ConsoleServer, ada:
         assert float(answer.headers["x-left-metres"]) < 0.0
         pictures.append(picture)
     assert pictures[0].mean() > pictures[1].mean()
-    drawing = ada.http.get("/api/floor-plan.svg").raise_for_status()
+    drawing = when_measured(ada, "/api/floor-plan.svg")
     assert drawing.headers["content-type"].startswith("image/svg+xml")
     assert ">Hall</text>" in drawing.text
 
 
 # --------------------------------------------------------------------------------------------------- versions
+def test_the_widest_person_whom_a_device_leads_must_find_room(stage: Callable[..., Stage]) -> None:
+    widths_m = [0.6]
+    here = stage(device_settings=lambda: [{"obstacle.person_width_m": width_m} for width_m in widths_m])
+    (edge_id,) = here.model.graph.edges
+    here.model.apply(SetEdge(edge_id, width_m=0.8), "Ada")
+    usual = here.checked()
+    assert "narrow_passage" not in {each.code for each in usual.findings}
+    assert "0.7 m wide" in usual.sentence, "never narrower than the usual"
+    widths_m.append(0.9)
+    wider = here.checked()
+    assert "narrow_passage" in {each.code for each in wider.findings}
+    assert "0.9 m wide" in wider.sentence
+
+
 def test_a_result_is_of_its_version_alone(stage: Callable[..., Stage]) -> None:
     here = stage()
-    assert here.checked().sentence == "Nothing was found that is wrong."
+    assert here.checked().sentence.startswith("Nothing was found that is wrong.")
     version = here.model.graph.version
     assert here.checks.unconfirmed_errors(version) == ()
     here.model.apply(AddPoi("Lounge", "lounge", 3.0, 0.0), "Ada")
@@ -212,7 +237,15 @@ def test_errors_are_published_only_by_whoever_has_seen_them(stage: Callable[...,
         publish(here.model, here.checks, "Ada")
     assert here.model.published.version != here.model.graph.version
     assert {finding.severity for finding in refused.value.details()["findings"]} == {"error"}
-    assert publish(here.model, here.checks, "Ada", confirmed=True) is here.model.graph
+    version = refused.value.details()["version"]
+    seen = here.model.graph
+    here.model.apply(AddPoi("Lounge", "lounge", 3.0, 0.0), "Bob")
+    with pytest.raises(ConflictError, match="changed meanwhile"):
+        publish(here.model, here.checks, "Ada", confirmed_version=version)
+    here.model.undo("Bob")
+    assert here.model.graph.edges == seen.edges
+    version = here.model.graph.version
+    assert publish(here.model, here.checks, "Ada", confirmed_version=version) is here.model.graph
     here.model.undo("Ada")
     assert publish(here.model, here.checks, "Ada").version == here.model.graph.version, "checked, and nothing is wrong"
 
@@ -281,6 +314,55 @@ def test_who_does_not_want_to_wait_hears_how_far_it_is(stage: Callable[..., Stag
     with pytest.raises(ConflictError, match="being measured"):
         here.surveys.survey(timeout_s=0.0)
     assert here.surveys.survey(WAIT_S).walls_m.shape[1:] == (2, 2)
+
+
+def test_the_plan_is_never_waited_for_and_drawn_once_for_a_version(
+    stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    here = stage()
+    plans = FloorPlans(here.model, here.surveys)
+    with pytest.raises(ConflictError, match=r"\d %"):
+        plans.picture("light")
+    here.surveys.survey(WAIT_S)
+    begun, may_end = threading.Event(), threading.Event()
+
+    def slowly(*shown: Any) -> FloorPlan:
+        begun.set()
+        assert may_end.wait(WAIT_S)
+        return floor_plan(*shown)
+
+    monkeypatch.setattr("console.floor_plans.floor_plan", slowly)
+    first = threading.Thread(target=plans.picture, args=("light",))
+    first.start()
+    assert begun.wait(WAIT_S)
+    with pytest.raises(ConflictError, match="being drawn"):
+        plans.picture("dark")
+    may_end.set()
+    first.join(WAIT_S)
+    drawn = plans.picture("light")
+    assert plans.picture("light") is drawn
+    here.model.apply(AddPoi("Desk", "room", 3.0, 0.0), "Ada")
+    assert plans.picture("light") is not drawn
+
+
+def test_a_console_that_ends_gives_up_the_check(stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch) -> None:
+    begun = threading.Event()
+
+    def every_leg(graph: PoiGraph, settings: Settings, *, cancelled: Callable[[], bool]) -> EveryLeg:
+        begun.set()
+        deadline_s = time.monotonic() + WAIT_S
+        while time.monotonic() < deadline_s:
+            all_routes_announced(graph, settings, cancelled=cancelled)
+        return EveryLeg((), (), ())
+
+    monkeypatch.setattr("console.checks.all_routes_announced", every_leg)
+    running = stage()
+    running.checks.start()
+    assert begun.wait(WAIT_S)
+    running.close()
+    assert running.checks.state().stage == "failed"
+    with pytest.raises(ConflictError, match="ending"):
+        running.checks.start()
 
 
 def test_a_console_that_ends_ends_the_survey(stage: Callable[..., Stage]) -> None:

@@ -191,7 +191,7 @@ def test_an_imported_graph_outlives_the_console(tmp_path: Path, small_site: Site
         import_graph(person, data, name="plan.geojson", confirm=token).raise_for_status()
     with serving(tmp_path / "site", tmp_path / "data") as server:
         assert [poi.name for poi in server.services.model.graph.pois.values()] == ["Hall", "Bar", "Lift"]
-        assert server.services.model.history()[-1].why == "plan.geojson"
+        assert server.services.model.history(1)[0].why == "plan.geojson"
 
 
 BROKEN_GRAPHS = {

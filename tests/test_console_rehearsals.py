@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import threading
+import time
 import wave
 from dataclasses import replace
 from pathlib import Path
@@ -123,6 +124,33 @@ def test_one_way_is_rehearsed_at_a_time(small_site: Site) -> None:
     first.join(WAIT_S)
     assert arrived.is_set()
     assert rehearsals.rehearse(small_site.poi_graph, "b", "a", Settings()).arrived, "and then the next"
+
+
+def test_few_wait_for_their_turn_and_the_others_are_told_at_once(small_site: Site) -> None:
+    go_on = threading.Event()
+
+    def clock_s() -> float:
+        assert go_on.wait(WAIT_S)
+        return 0.0
+
+    rehearsals, ended = Rehearsals(clock_s), []
+
+    def run() -> None:
+        ended.append(rehearsals.rehearse(small_site.poi_graph, "a", "b", Settings()).arrived)
+
+    running = [threading.Thread(target=run) for _ in range(3)]
+    for thread in running:
+        thread.start()
+    deadline_s = time.monotonic() + WAIT_S
+    while rehearsals._present._value and time.monotonic() < deadline_s:
+        time.sleep(0.01)
+    with pytest.raises(TooManyError, match="try again"):
+        rehearsals.rehearse(small_site.poi_graph, "b", "a", Settings())
+    assert ended == [], "nobody had to end before that was said"
+    go_on.set()
+    for thread in running:
+        thread.join(WAIT_S)
+    assert ended == [True] * 3
 
 
 # ---------------------------------------------------------------------------------------------------------- sound

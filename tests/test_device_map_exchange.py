@@ -66,7 +66,12 @@ def test_a_graph_of_another_program_is_added_and_the_rest_is_told(
     site: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / "plan.json").write_text(json.dumps(FOREIGN))
-    assert main(["map", "import", str(site), "--graph", str(tmp_path / "plan.json")]) == 0
+    before = bytes_of(site)
+    said = refused(capsys, "map", "import", site, "--graph", tmp_path / "plan.json")
+    assert "Lift" in said, "no edge leads there"
+    assert "--confirmed" in said
+    assert bytes_of(site) == before
+    assert main(["map", "import", str(site), "--graph", str(tmp_path / "plan.json"), "--confirmed"]) == 0
     assert "Room 3" in capsys.readouterr().err
     assert [poi.name for poi in load_poi_graph(site).pois.values()] == ["Hall", "Bar", "Lift"]
 

@@ -7,6 +7,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import networkx as nx
 import numpy as np
 import pytest
@@ -136,7 +137,15 @@ def test_whoever_brings_a_file_is_told_what_to_look_at() -> None:
     assert "metres of this map" in imported(geojson(point("Lift", 10.0, 0.0)), DRAFT).notes[0]
     assert imported(file_of("geojson"), DRAFT).notes == ()
     elsewhere = own(lambda raw: raw["features"][3]["geometry"].update(coordinates=[[50.0, 0.0], [60.0, 0.0]]))
-    assert imported(elsewhere, DRAFT).notes[0].startswith("Hall stands on no road here")
+    assert imported(elsewhere, DRAFT).notes[0].startswith("Hall lies on no road here")
+    aside = msgspec.structs.replace(GRAPH.edges["e1"], path_m=((0.0, 0.0), (3.0, 4.0), (6.0, 0.0)), length_m=10.0)
+    notes = imported(file_of("geojson", msgspec.structs.replace(GRAPH, edges={"e1": aside})), DRAFT).notes
+    assert notes[0].startswith("Hall – Bar lies on no road here")
+
+
+def test_roads_too_far_apart_to_be_one_site_are_not_taken() -> None:
+    far = {**GRAPH.roads, "r2": Road("r2", ((5000.0, 5000.0), (5003.0, 5000.0)))}
+    assert "a site of its own" in refusal(file_of("geojson", msgspec.structs.replace(GRAPH, roads=far)))
 
 
 def test_the_same_file_again_changes_nothing() -> None:

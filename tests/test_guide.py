@@ -13,6 +13,7 @@ from navcore.follower.look import LOOK_ROUND_AFTER_S, LOOK_ROUND_FOR_S
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.guide import guide
 from navcore.obstacle.corridor import candidate_directions
+from navcore.obstacle.memory import ObstacleMemory, remember, with_memory
 from navcore.obstacle.polar_grid import MAX_RANGE_M
 from navcore.obstacle.scan import scan
 from navcore.settings import Settings
@@ -312,6 +313,26 @@ def test_a_turn_round_something_is_left_after_several_free_frames_as_well():
     assert actions == [Action.TURN, Action.TURN, Action.WALK]
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_turn_to_a_free_direction_is_made_to_its_end_though_the_direction_comes_and_goes(side: float):
+    """Told to turn, to stop and to turn with every tremble of the pose, somebody stood for good beside a box."""
+    low, high = sorted((side * 0.1, side * 1.5))
+    aside = decide(at(2.0), seen(at(2.0), box(2.75, low, 3.2, high)))
+    assert (aside.action, aside.trace.turn) == (Action.TURN, TurnKind.ASIDE)
+    assert aside.direction is not None
+    turned_deg, nothing_free = math.degrees(aside.direction), box(2.75, -3.0, 3.2, 3.0)
+    half_way, done = (at(2.0, heading_deg=share * turned_deg, stamp_s=0.1) for share in (0.5, 0.95))
+    goes_on = decide(half_way, seen(half_way, nothing_free), aside)
+    assert (goes_on.action, goes_on.trace.turn) == (Action.TURN, TurnKind.ASIDE)
+    assert math.degrees(goes_on.direction or 0.0) == pytest.approx(0.5 * turned_deg)
+    ended = decide(done, seen(done, nothing_free), goes_on)
+    assert ended.trace.turn is not TurnKind.ASIDE
+    assert ended.action is not Action.WALK
+    beside_the_road = at(2.0, -0.8 * side, stamp_s=0.1)
+    elsewhere = decide(beside_the_road, seen(beside_the_road, nothing_free), aside)
+    assert elsewhere.trace.turn is TurnKind.ALONG, "the road leads to the other side by now"
+
+
 def test_nobody_who_still_walks_is_led_where_less_than_the_clearance_is_free():
     """In a corridor whose end is near to the side, only somebody who stands may begin to walk with less than δ."""
     before, here = walking_at(0.8)
@@ -494,3 +515,28 @@ def test_a_wanted_way_whose_beginning_is_not_known_is_a_lost_pose():
     result = decide(here, seen(at(2.0)), route=None, wanted=True)
     assert (result.action, result.reason) == (Action.STOP, Reason.POSE_LOST)
     assert decide(here, seen(at(2.0)), route=None).reason is Reason.NO_ROUTE
+
+
+@pytest.mark.parametrize("is_taken_away", [True, False])
+def test_who_stood_before_something_low_for_minutes_is_led_on_only_once_they_stepped_back_and_looked(
+    is_taken_away: bool,
+):
+    low = tuple(box(3.0, left_m, 3.4, left_m + 1.0, 0.3) for left_m in range(-3, 3))
+    places_m = [*np.arange(0.0, 2.3, 0.1), *[2.2] * 300, *np.arange(2.1, 0.65, -0.1), *[0.7] * 10]
+    stands, steps_back = 23, 323
+    memory, before, heading_deg = ObstacleMemory(), None, 0.0
+    actions: list[Action] = []
+    for k, x_m in enumerate(places_m):
+        # Ten minutes of standing, two seconds from one look to the next; every turn is made.
+        located = at(float(x_m), heading_deg=heading_deg, stamp_s=0.1 * k if k < stands else 2.0 * k)
+        is_there, pose = not is_taken_away or k < stands + 10, located.pose
+        assert pose is not None
+        found = seen(located, *low if is_there else ())
+        memory = remember(memory, found, pose, located.stamp_s)
+        before = decide(located, with_memory(found, memory, pose, SETTINGS.obstacle), before)
+        actions.append(before.action)
+        heading_deg += math.degrees(before.direction or 0.0) if before.action is Action.TURN else 0.0
+    assert Action.WALK not in actions[stands:steps_back]
+    assert before is not None
+    assert (before.trace.nearest_ahead_m is None) is is_taken_away
+    assert actions[-1] is Action.WALK, "it is gone, or far enough ahead to walk up to and be led round"

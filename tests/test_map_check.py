@@ -342,7 +342,21 @@ def test_where_no_floor_has_been_seen_that_is_said() -> None:
     occupancy = occupancy_of(GOOD_CLOUD[~unseen], [])
     path = path_clearance(occupancy, path_of(BAR_EDGE))
     nobody = MapEvidence(GRAPH, NETWORK, {BAR_EDGE.id: path})
-    assert the(nobody, "unknown_passage").severity == "warning"
+    found = the(nobody, "unknown_passage")
+    assert found.severity == "error", "unknown is never clear"
+    assert found.edge_ids == (BAR_EDGE.id,)
+
+
+def test_a_connection_along_a_drawn_road_beyond_the_cloud_is_an_error() -> None:
+    drawn = Road("r9", ((11.5, 0.0), (16.0, 0.0)), "drawn")
+    network = RoadNetwork.from_roads((*LINES, np.array(drawn.points_m)))
+    graph = add_poi(GRAPH, network, name="Annexe", kind="room", x_m=15.5, y_m=0.0)
+    path = ((11.4, 0.0), (15.5, 0.0))
+    edge = Edge("e9", "bar", "annexe", path, 4.1)
+    graph = msgspec.structs.replace(graph, edges={**GRAPH.edges, "e9": edge}, roads={drawn.id: drawn})
+    found = [each for each in findings_of(replace(measured(graph), network=network)) if each.code == "unknown_passage"]
+    assert [(each.severity, each.edge_ids, each.road_ids) for each in found] == [("error", ("e9",), ("r9",))]
+    assert found[0].text == "The edge from Bar to Annexe leads where no floor has been seen."
 
 
 def test_a_place_without_room_is_found() -> None:

@@ -107,6 +107,42 @@ def test_a_moved_poi_slides_along_the_road_and_takes_its_edges_along():
     assert lengths[frozenset(("a", "c"))] == pytest.approx(14.0, abs=0.3)
 
 
+RING = RoadNetwork.from_roads([np.array([[0, 0], [20, 0], [20, 6], [0, 6], [0, 0]], dtype=float)])
+IN_ITS_CORRIDOR = (0.7, "left", True)
+IN_ANOTHER = (None, "none", True)
+
+
+@pytest.mark.parametrize("turned", [False, True])
+@pytest.mark.parametrize(
+    ("to_m", "settings_then"),
+    [
+        ((12.0, 0.0), IN_ITS_CORRIDOR),  # nearer
+        ((19.0, 0.0), IN_ITS_CORRIDOR),  # farther
+        ((20.0, 3.0), IN_ITS_CORRIDOR),  # round the corner
+        ((8.3, 0.0), IN_ITS_CORRIDOR),  # close to the other place
+        ((10.0, 6.0), IN_ANOTHER),  # the other way round
+        ((0.0, 1.0), IN_ANOTHER),  # past the other place
+    ],
+)
+def test_a_moved_poi_takes_width_and_caution_along_only_in_their_corridor(to_m, settings_then, turned: bool) -> None:
+    graph = PoiGraph()
+    for name, x_m in (("A", 8.0), ("B", 18.0)):
+        graph = edits.add_poi(graph, RING, name=name, kind="room", x_m=x_m, y_m=0.0)
+    graph = edits.add_edge(graph, RING, *(("b", "a") if turned else ("a", "b")))
+    graph = edits.set_edge(graph, "e1", width_m=0.7, caution_side="left", closed=True)
+    edge = edits.move_poi(graph, RING, "b", *to_m).edges["e1"]
+    assert (edge.width_m, edge.caution_side, edge.closed) == settings_then
+
+
+def test_a_merged_poi_takes_width_and_caution_along_only_in_their_corridor() -> None:
+    graph = PoiGraph()
+    for name, x_m, y_m in (("A", 8, 0), ("B", 18, 0), ("B again", 17, 0), ("D", 4, 6)):
+        graph = edits.add_poi(graph, RING, name=name, kind="room", x_m=x_m, y_m=y_m)
+    graph = edits.set_edge(edits.add_edge(graph, RING, "b", "a"), "e1", width_m=0.7, caution_side="left")
+    for other, width_m in (("b-again", 0.7), ("d", None)):
+        assert edits.merge_pois(graph, RING, other, "b").edges["e1"].width_m == width_m
+
+
 def test_proposed_edges_join_neighbours_only():
     graph = edits.propose_edges(
         graph_with(("A", 2, 0), ("J", 8, 0), ("B", 8, 6), ("C", 18, 0), ("Far", 2, 20)), NETWORK

@@ -124,3 +124,13 @@ def test_bad_roads_are_refused_and_no_road_is_said():
     assert empty.is_empty
     with pytest.raises(PlanningError, match="no virtual blind road"):
         empty.nearest(0, 0)
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.lists(st.tuples(st.floats(-20, 30), st.floats(-20, 30)), max_size=12))
+def test_many_places_at_once_are_as_far_from_the_road_as_each_alone(places: list[tuple[float, float]]) -> None:
+    network = RoadNetwork.from_roads([walked(CORRIDOR), walked(CROSSING)])
+    far = network.distances_m(np.array(places).reshape(-1, 2))
+    assert far.tolist() == pytest.approx([network.nearest(x, y).distance_m for x, y in places], abs=1e-9)
+    nothing = RoadNetwork.from_roads([])
+    assert np.isinf(nothing.distances_m(np.array(places).reshape(-1, 2))).all()

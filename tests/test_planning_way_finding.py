@@ -78,7 +78,7 @@ ROADS = [("a", "b"), ("b", "c"), ("x", "y")]
     ("changes", "place", "goal", "words"),
     [
         ({}, (1, 0), "nowhere", "no place 'nowhere'"),
-        ({}, (1, 0), "lone", "No edge leads to LONE"),
+        ({}, (1, 0), "lone", "No way leads to LONE"),
         ({}, (1, 9), "b", "9.0 m away"),
         ({}, (math.nan, 0), "b", "not known"),
         ({}, (1, 0), "y", "No road joins"),

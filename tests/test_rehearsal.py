@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
@@ -23,7 +24,10 @@ from device_agent.state import DeviceState
 from device_agent.walk import lead
 from navcore.cues.table import CueKind, is_said
 from navcore.errors import InputError
+from navcore.map_check.checker import findings_of
+from navcore.map_check.evidence import MapEvidence
 from navcore.planning.poi_graph import CAUTION_SIDES, Edge, Poi, PoiGraph
+from navcore.planning.road_network import RoadNetwork
 from navcore.planning.way_finding import WayFinder
 from navcore.rehearsal.every_leg import all_routes_announced
 from navcore.rehearsal.rehearsing import CancelledError, Rehearsal, Utterance, rehearse
@@ -190,14 +194,68 @@ def test_a_narrow_passage_is_said_where_it_is_one(width_m: float | None, is_said
 @pytest.mark.parametrize("before_m", [6.2, 6.8, 7.4, 8.0])
 def test_caution_makes_no_announcement_of_a_place_late(before_m: float) -> None:
     """However far the next place is from where the edge begins, it is told 6 ± 1 m ahead, and caution on its edge."""
-    graph = chain([(0.0, 0.0), (12.0, 0.0), (12.0 + before_m, 0.0), (40.0, 0.0)], ["none", "both", "none"], width_m=0.8)
+    graph = chain([(0.0, 0.0), (12.0, 0.0), (12.0 + before_m, 0.0), (40.0, 0.0)], ["none", "both", "none"])
     done = rehearse(graph, "p0", "p3")
     for each in of_kind(done, CueKind.POI_AHEAD):
         assert each.distance_m == pytest.approx(6.0, abs=1.0), each
     assert {each.poi_id for each in of_kind(done, CueKind.POI_AHEAD)} == {"p1", "p2", "p3"}
     (caution,) = of_kind(done, CueKind.CAUTION_SIDE)
-    assert 12.0 < caution.along_m < 12.0 + before_m
-    assert len(of_kind(done, CueKind.NARROW_PASSAGE)) == 3
+    assert 12.0 < caution.along_m < 12.0 + before_m / 2.0
+
+
+@pytest.mark.parametrize("edge_m", [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 20.0])
+@pytest.mark.parametrize("after_m", [2.0, 3.0, 5.0, 6.5, 12.0])
+@pytest.mark.parametrize(("side", "width_m"), [("left", None), ("none", 0.8)])
+def test_what_is_to_be_known_of_an_edge_is_said_in_its_first_half(
+    edge_m: float, after_m: float, side: str, width_m: float | None
+) -> None:
+    """However short it is, and whatever else is due there: places behind it, a reassurance."""
+    for before_m in (3.0, 12.0):
+        xs_m = list(itertools.accumulate([0.0, before_m, edge_m, after_m]))
+        graph = with_changes(chain([(x_m, 0.0) for x_m in xs_m], ["none", side, "none"]), "e1", width_m=width_m)
+        done = rehearse(graph, "p0", "p3")
+        kind = CueKind.NARROW_PASSAGE if width_m else CueKind.CAUTION_SIDE
+        (said,) = of_kind(done, kind)
+        assert said.edge_id == "e1"
+        assert said.along_m - before_m <= edge_m / 2.0
+
+
+@hypothesis_settings(deadline=None, max_examples=25)
+@given(st.lists(st.tuples(st.floats(2.0, 9.0), st.sampled_from(["none", "left", "right"])), min_size=3, max_size=6))
+def test_of_edges_one_behind_the_other_each_caution_is_said_in_its_first_half(edges: list[tuple[float, str]]) -> None:
+    xs_m = list(itertools.accumulate([0.0, *(length_m for length_m, _ in edges)]))
+    done = rehearse(chain([(x_m, 0.0) for x_m in xs_m], [side for _, side in edges]), "p0", f"p{len(edges)}")
+    begins_m: dict[str | None, float] = {}
+    for each in of_kind(done, CueKind.CAUTION_SIDE):
+        begins_m[each.edge_id] = each.along_m
+    for number, (length_m, side) in enumerate(edges):
+        if side != "none":
+            assert begins_m[f"e{number}"] - xs_m[number] <= length_m / 2.0
+
+
+def test_stairs_of_which_nobody_could_be_told_after_a_caution_come_before_it() -> None:
+    graph = chain([(0.0, 0.0), (3.5, 0.0), (20.0, 0.0)], ["left", "none"])
+    stairs = msgspec.structs.replace(graph.pois["p1"], kind="stairs")
+    said = of_kind(
+        rehearse(PoiGraph(1, {**graph.pois, "p1": stairs}, graph.edges), "p0", "p2"),
+        CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE,
+    )  # fmt: skip
+    assert said[0].kind is CueKind.HAZARD_AHEAD
+
+
+def test_the_checker_hears_where_there_is_no_time_for_a_caution() -> None:
+    """Two things to know of an edge half as long as the first of them: an error, not a silence."""
+    graph = with_changes(chain([(0.0, 0.0), (20.0, 0.0), (21.0, 0.0), (40.0, 0.0)], ["none", "left", "none"]), "e1",
+                         width_m=0.8)  # fmt: skip
+    legs = all_routes_announced(graph)
+    evidence = MapEvidence(graph, RoadNetwork.from_roads([]), routes=legs.routes)
+    found = [each for each in findings_of(evidence) if each.code == "caution_not_said"]
+    assert [(each.severity, each.edge_ids) for each in found] == [("error", ("e1",))]
+    assert "narrow" in found[0].text
+    fine = with_changes(graph, "e1", width_m=None)
+    legs = all_routes_announced(fine)
+    evidence = MapEvidence(fine, RoadNetwork.from_roads([]), routes=legs.routes)
+    assert "caution_not_said" not in {each.code for each in findings_of(evidence)}
 
 
 def test_a_way_that_does_not_exist_is_refused_as_the_device_refuses_it() -> None:
@@ -292,6 +350,34 @@ def test_legs_that_nobody_is_led_over_are_named() -> None:
     assert all_routes_announced(PoiGraph()).routes == ()
     one_way = all_routes_announced(with_changes(graph, "e1", one_way=True))
     assert one_way.left_out == ()
+
+
+def test_of_many_places_some_are_rehearsed_and_the_rest_is_named() -> None:
+    graph = chain([(10.0 * i, 0.0) for i in range(6)])
+    some = all_routes_announced(graph, max_places=3)
+    assert some.left_out == ("e2", "e3", "e4")
+    assert {each for route in some.routes for each in route.edge_ids} == {"e0", "e1"}
+
+
+def test_rehearsing_every_leg_can_be_given_up_at_any_time() -> None:
+    graph = chain([(10.0 * i, 0.0) for i in range(4)])
+
+    def times_asked(until: float) -> int:
+        asked = itertools.count(1)
+        last = 0
+
+        def cancelled() -> bool:
+            nonlocal last
+            last = next(asked)
+            return last >= until
+
+        with pytest.raises(CancelledError) if until < math.inf else contextlib.nullcontext():
+            all_routes_announced(graph, cancelled=cancelled)
+        return last
+
+    times = times_asked(math.inf)
+    for until in (1, 3, 5, times - 1):
+        assert times_asked(until) == until
 
 
 # ---------------------------------------------------------------------------------------------------- the command

@@ -169,19 +169,12 @@ def test_a_broken_silhouette_is_no_picture(jpeg: bytes) -> None:
 
 
 # -------------------------------------------------------------------------------------------------------- orders
-def tick(browser: FakeBrowser) -> None:
-    async def act() -> None:
-        browser.scene.tick()
-
-    browser.run(act())
-
-
 def wait_for_settled(browser: FakeBrowser, services: Services, device_id: str) -> None:
     """Let the panel find its sliders let go, by its own clock."""
     panel = browser.view.tuning_panel
     assert panel is not None
     panel._moved_s = -1e9
-    tick(browser)
+    browser.tick()
 
 
 @pytest.mark.parametrize("browser", ["editor"], indirect=True)
@@ -189,7 +182,7 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
 ) -> None:
     outlet = connect_device(scene_and_services[1])
-    tick(browser)
+    browser.tick()
     browser.click_poi("bar")
     browser.set_widget("Guide the walker here", True)
     browser.set_widget("Guidance", "Pause")
@@ -202,7 +195,7 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
 @pytest.mark.parametrize("browser", ["viewer", "technician"], indirect=True)
 def test_who_may_only_watch_cannot_guide(browser: FakeBrowser, scene_and_services: tuple[Scene, Services]) -> None:
     outlet = connect_device(scene_and_services[1])
-    tick(browser)
+    browser.tick()
 
     async def try_anyway() -> None:
         browser.view.walker_panel.guide_to("bar")
@@ -219,7 +212,7 @@ def test_a_slider_is_sent_when_it_is_let_go_and_shows_what_became_of_it(
     services = scene_and_services[1]
     outlet = connect_device(services)
     services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    tick(browser)
+    browser.tick()
     for value in (3.2, 3.6, 4.0):
         browser.set_widget("Sub goal distance, m", value)
     assert outlet.sent == [], "not before it is let go"
@@ -231,7 +224,7 @@ def test_a_slider_is_sent_when_it_is_let_go_and_shows_what_became_of_it(
     assert panel is not None
     assert "waiting" in panel._words.content
     services.hub.receive("glasses", SettingsRunning(1, Settings().values(), order.revision, "Not while walking."))
-    tick(browser)
+    browser.tick()
     assert "Refused: Not while walking." in panel._words.content
     assert panel._widgets["follower.sub_goal_distance_m"].value == 3.0
 
@@ -243,7 +236,7 @@ def test_what_safety_hangs_on_is_sent_only_once_confirmed(
     services = scene_and_services[1]
     outlet = connect_device(services)
     services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    tick(browser)
+    browser.tick()
     browser.set_widget("Stop distance, m", 1.0)
     wait_for_settled(browser, services, "glasses")
     assert outlet.sent == []
@@ -260,14 +253,14 @@ def test_a_forged_value_out_of_range_is_refused_and_taken_back(
     services = scene_and_services[1]
     outlet = connect_device(services)
     services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    tick(browser)
+    browser.tick()
     browser.set_widget("Sub goal distance, m", 99.0)
     wait_for_settled(browser, services, "glasses")
     assert outlet.sent == []
     assert any("from 0.5 to 10" in notice for notice in browser.notices)
     panel = browser.view.tuning_panel
     assert panel is not None
-    tick(browser)
+    browser.tick()
     assert panel._widgets["follower.sub_goal_distance_m"].value == 3.0
 
 
@@ -288,7 +281,7 @@ def test_the_page_around_can_fly_the_scene_of_its_own_session_to_a_place(
     other = FakeBrowser(scene_and_services[0], "viewer", "Bob", client_id=502)
     try:
         assert services.views.ask(browser.person.session_id, FlyToPoi("lift")) == 1
-        tick(browser)
+        browser.tick()
         lift = services.model.graph.pois["lift"]
         assert tuple(browser.view.client.camera.look_at)[:2] == pytest.approx((lift.x_m, lift.y_m))
         assert (browser.view.editor.selected, other.view.editor.selected) == (("poi", "lift"), None)

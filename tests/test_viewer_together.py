@@ -9,7 +9,7 @@ import pytest
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
-from console.edits import DeletePoi, MovePoi, SetEdge, UpdatePoi
+from console.edits import AddPoi, DeletePoi, DrawRoad, MovePoi, SetEdge, SmoothRoad, UpdatePoi
 from console.model import SiteModel
 from console.services import Services
 from console.view_requests import FlyToPoint
@@ -94,6 +94,17 @@ def test_a_place_that_is_deleted_while_it_is_dragged_ends_the_drag_with_a_senten
     assert "bar" not in model.graph.pois
 
 
+def test_a_place_that_one_deletes_in_another_window_ends_the_drag_and_the_sentence_names_oneself(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    drag_bar(ada, "start", "update")
+    model.apply(DeletePoi("bar"), "Ada")
+    version = model.graph.version
+    ada.tick()
+    assert any("Ada has deleted Bar" in notice for notice in ada.notices)
+    assert model.graph.version == version
+
+
 def test_what_others_change_elsewhere_is_seen_during_a_drag(ada: FakeBrowser, model: SiteModel) -> None:
     drag_bar(ada, "start", "update")
     model.apply(UpdatePoi("lift", name="Lift A"), "Ben")
@@ -160,6 +171,118 @@ def test_interleaved_editing_loses_nothing_silently(ada: FakeBrowser, ben: FakeB
             is_made = model.graph.pois["hall"].x_m == pytest.approx(x_m, abs=0.02)
             assert is_made or browser.view.editor.conflict is not None
         ada.view.editor.conflict = ben.view.editor.conflict = None
+
+
+def test_what_somebody_has_changed_since_it_was_selected_is_deleted_only_by_choice(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    for answer, is_there in (("Keep theirs", True), ("Use mine", False)):
+        ada.click_poi("bar")
+        model.apply(UpdatePoi("bar", name=f"Tea bar, {answer}"), "Ben")
+        ada.tick()
+        ada.key("delete")
+        assert "bar" in model.graph.pois, "what Ben has made of it is not deleted unseen"
+        assert ada.view.editor.conflict is not None
+        assert ada.view.editor.conflict.rows == (("", "changed by Ben", "deleted"),)
+        ada.set_widget(answer, True)
+        assert ("bar" in model.graph.pois) is is_there
+    model.undo("Ada")
+    ada.tick()
+    ada.click_poi("bar")
+    model.apply(UpdatePoi("bar", name="Wine bar"), "Ben")
+    ada.key("delete")
+    ada.set_widget("Keep theirs", True)
+    ada.key("delete")
+    assert "bar" not in model.graph.pois, "what was kept has been seen"
+
+
+def test_what_somebody_has_changed_since_it_was_selected_is_merged_only_by_choice(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.click_poi("bar")
+    ada.set_widget("Merge into…", True)
+    model.apply(UpdatePoi("bar", name="Tea bar"), "Ben")
+    ada.click_poi("lift")
+    assert "bar" in model.graph.pois
+    ada.set_widget("Use mine", True)
+    assert "bar" not in model.graph.pois
+    assert ada.view.editor.begun is None
+
+
+@pytest.mark.parametrize("verb", ["Split here", "Trim", "Join"])
+def test_a_road_that_somebody_has_changed_since_it_was_selected_is_worked_on_only_by_choice(
+    ada: FakeBrowser, model: SiteModel, verb: str
+) -> None:
+    model.apply(DrawRoad(((5.0, 0.0), (5.0, 2.0), (5.3, 3.0), (5.0, 4.0), (5.0, 6.0))), "Ada")
+    model.apply(DrawRoad(((5.0, 6.3), (5.0, 8.0))), "Ada")
+    ada.tick()
+    ada.click_road("r3", 5.0, 1.0)
+    ada.set_widget("Line" if verb == "Trim" else "Parts", verb)
+    model.apply(SmoothRoad("r3"), "Ben")
+    smooth = model.graph.roads
+    match verb:
+        case "Split here":
+            ada.click_floor(5.0, 3.0)
+        case "Trim":
+            ada.click_floor(5.0, 1.0)
+            ada.click_floor(5.0, 5.0)
+        case "Join":
+            ada.click_road("r4", 5.0, 7.0)
+    assert model.graph.roads == smooth
+    assert ada.view.editor.conflict is not None
+    ada.set_widget("Use mine", True)
+    assert model.graph.roads != smooth
+    assert ada.view.editor.begun is None
+
+
+def test_a_connection_that_somebody_has_changed_since_it_was_selected_is_cut_only_by_choice(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.click_edge("e1")
+    ada.set_widget("Edge", "Place on it")
+    ada.click_floor(6.0, 0.0)
+    model.apply(SetEdge("e1", closed=True), "Ben")
+    ada.key("accept")
+    assert model.graph.edges.keys() == {"e1"}
+    ada.set_widget("Use mine", True)
+    assert [edge.closed for edge in model.graph.edges.values()] == [True, True]
+    assert ada.view.editor.begun is None
+
+
+# ---------------------------------------------------------------------------------------------- what has been shown
+def test_a_proposal_that_has_become_another_meanwhile_is_shown_again_before_it_is_accepted(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.key("propose")
+    model.apply(AddPoi("Chair", "other", 14.0, 0.0), "Ben")
+    ada.key("accept")
+    assert model.graph.edges.keys() == {"e1"}, "nobody has seen these"
+    assert any("accept it once more" in notice for notice in ada.notices)
+    assert "3 new connections" in ada.view.editor.hint
+    ada.key("accept")
+    assert len(model.graph.edges) == 4
+
+
+def test_a_connection_that_has_become_another_meanwhile_is_shown_again_before_it_is_accepted(
+    ada: FakeBrowser, model: SiteModel
+) -> None:
+    ada.key("connect")
+    ada.click_poi("junction")
+    ada.click_poi("bar")
+    model.apply(MovePoi("bar", 17.0, 0.0), "Ben")
+    ada.tick()
+    ada.key("accept")
+    assert model.graph.edges.keys() == {"e1"}
+    assert "7.0 m" in ada.view.editor.hint
+    ada.key("accept")
+    assert [edge.length_m for edge in model.graph.edges.values()][1:] == pytest.approx([7.0], abs=0.1)
+
+
+def test_what_changes_elsewhere_keeps_nobody_from_accepting_what_is_shown(ada: FakeBrowser, model: SiteModel) -> None:
+    ada.key("propose")
+    model.apply(UpdatePoi("bar", name="Tea bar"), "Ben")
+    ada.key("accept")
+    assert len(model.graph.edges) == 3
 
 
 # ------------------------------------------------------------------------------------------------------ presence

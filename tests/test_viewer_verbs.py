@@ -72,6 +72,20 @@ def test_a_road_is_drawn_by_clicks_begins_on_the_road_and_is_shown_before_it_is_
     assert browser.view.roads.drawn == model.graph.roads
 
 
+def test_a_drawn_road_is_picked_between_its_dashes_too(browser: FakeBrowser, model: SiteModel) -> None:
+    draw_side_road(browser)
+    browser.key("accept")
+    (road,) = [road for road in model.graph.roads.values() if road.origin == "drawn"]
+    browser.key("select")
+    for y_m in np.arange(1.0, 5.0, 0.1):
+        browser.key("escape")
+        assert browser.view.editor.selected is None
+        browser.click_floor(5.1, float(y_m))
+        assert browser.view.editor.selected == ("road", road.id)
+    browser.click_floor(5.6, 3.0)
+    assert browser.view.editor.selected is None
+
+
 def test_backspace_takes_the_last_point_back_and_escape_drops_the_line(browser: FakeBrowser, model: SiteModel) -> None:
     draw_side_road(browser)
     browser.key("take_back")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine
+from concurrent.futures import Future
 from types import SimpleNamespace
 from typing import Any, TypeVar
 
@@ -72,6 +73,10 @@ class FakeBrowser:
         """Deliver one message, as if the browser had sent it and the guard had let it pass."""
         self.run(self._deliver(message))
 
+    def begin(self, message: messages.Message) -> Future[None]:
+        """Deliver one message, and return at once: what comes of it may take a while."""
+        return asyncio.run_coroutine_threadsafe(self._deliver(message), self._loop)
+
     # -------------------------------------------------------------------------------------------- the camera
     def _camera(self) -> messages.ViewerCameraMessage:
         position, look_at = np.array([10.0, -14.0, 14.0]), np.array([10.0, 0.0, 0.0])
@@ -128,7 +133,12 @@ class FakeBrowser:
         self.click_node(f"/road/{road_id}", (x_m, y_m, 0.0))
 
     def tick(self) -> None:
-        """Let the scene look at model and hub once."""
+        """Let the scene look at model and hub once, and wait until what was asked for is done."""
+        self.look()
+        self.run(self.view.idle())
+
+    def look(self) -> None:
+        """Let the scene look at model and hub once, whatever is going on."""
 
         async def look() -> None:
             self.scene.tick()
@@ -156,13 +166,20 @@ class FakeBrowser:
 
     def press(self, label: str) -> None:
         """Trigger a shortcut by its label."""
+        self.send(self._trigger(label))
+
+    def _trigger(self, label: str) -> messages.Message:
         commands = self.view.client.gui._command_handle_from_uuid
         uuid = next(key for key, command in commands.items() if command._impl.props.label == label)
-        self.send(messages.CommandTriggerMessage(uuid))
+        return messages.CommandTriggerMessage(uuid)
 
     def key(self, action: str) -> None:
         """Press the key of an action of the table of shortcuts."""
-        self.press(next(each.words for each in SHORTCUTS if each.action == action))
+        self.press(_label_of(action))
+
+    def begin_key(self, action: str) -> Future[None]:
+        """Press a key, and return at once."""
+        return self.begin(self._trigger(_label_of(action)))
 
     def set_widget(self, label: str, value: object) -> None:
         """Change, or press, the first visible widget of this label."""
@@ -187,6 +204,10 @@ class FakeBrowser:
     def node_names(self) -> set[str]:
         """Names of the nodes that this window alone has."""
         return set(self.view.client.scene._handle_from_node_name)
+
+
+def _label_of(action: str) -> str:
+    return next(each.words for each in SHORTCUTS if each.action == action)
 
 
 def _is_shown(handle: Any) -> bool:

@@ -34,6 +34,8 @@ FLOOR_GAP_M = 0.2
 TRODDEN_HALF_WIDTH_M = 0.25
 """Somebody who walked a line needed so much room to each side: half of an adult's shoulders (DIN 33402-2)."""
 _MAX_CELLS = 40_000_000
+_WALKED_BEYOND_M = 10.0
+"""What was walked farther than this beyond the cloud is not known to be floor; it would make the picture coarse."""
 _MARGIN_M = 0.5
 _STRAY_PERCENT = 0.1
 
@@ -79,7 +81,7 @@ def occupancy_of(points_m: NDArray[Any], walked_m: Sequence[FloatArray]) -> Occu
     """
     points = np.asarray(points_m[one_per_voxel(points_m, CELL_M)], np.float64)
     levels = floor_levels(points, walked_m)
-    low, high = _bounds(points)
+    low, high = _bounds(points, walked_m)
     cell_m = max(CELL_M, math.sqrt(float(np.prod(high - low)) / _MAX_CELLS))
     width, height = (int(n) for n in np.ceil((high - low) / cell_m))
     grid = _Grid(low, cell_m, (height, width))
@@ -115,12 +117,17 @@ class _Grid:
         return flat.reshape(self.shape).astype(np.float32)
 
 
-def _bounds(points_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the corners of the rectangle that holds all but stray points, which may lie kilometres away."""
+def _bounds(points_m: FloatArray, walked_m: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return the corners of a rectangle that holds all but stray points, which may lie kilometres away, and the walks.
+
+    A camera that looks ahead does not see where its walk begins: the cloud alone would leave that out.
+    """
     if not len(points_m):
         return np.full(2, -_MARGIN_M), np.full(2, _MARGIN_M)
     low, high = np.percentile(points_m[:, :2], (_STRAY_PERCENT, 100.0 - _STRAY_PERCENT), axis=0)
-    return low - _MARGIN_M, high + _MARGIN_M
+    walked = np.vstack([np.reshape((low, high), (2, 2)), *(path[:, :2] for path in walked_m)])
+    walked = np.clip(walked, low - _WALKED_BEYOND_M, high + _WALKED_BEYOND_M)
+    return walked.min(axis=0) - _MARGIN_M, walked.max(axis=0) + _MARGIN_M
 
 
 def _floor(points_m: FloatArray, levels: Sequence[FloorLevel], grid: _Grid) -> tuple[Mask, NDArray[np.int64]]:

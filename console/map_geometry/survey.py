@@ -22,7 +22,7 @@ from navcore.errors import InputError, SiteError, VbrError
 from navcore.geometry import FloatArray
 from navcore.site import Site, load_site, map_checksum
 
-SURVEY_VERSION = 1
+SURVEY_VERSION = 2
 """Counts up when something is measured in another way: what was kept is measured anew."""
 _FILES = ("frame", "is_occupied", "is_known", "walls_m")
 _NICENESS = 10

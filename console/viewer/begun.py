@@ -64,7 +64,15 @@ class NewEdges:
     """Pieces of road that would become connections: the one between two places, or all that are proposed."""
 
     edges: tuple[Edge, ...]
+    version: int
+    """The version of the draft that they have been worked out on."""
     is_proposal: bool = False
+
+    def is_like(self, other: NewEdges) -> bool:
+        """Whether both are the same pieces of road between the same places, whatever they will be called."""
+        return {(edge.a, edge.b, edge.path_m) for edge in self.edges} == {
+            (edge.a, edge.b, edge.path_m) for edge in other.edges
+        }
 
     def hint(self, graph: PoiGraph) -> str:
         """What to do next."""

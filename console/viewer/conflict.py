@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from console.edit_conflict import EditConflictError
-from console.edits import Edit
+from console.edits import DeleteEdge, DeletePoi, DeleteRoad, Edit, JoinRoads, MergePois
 
 _HIDDEN = ("id", "a", "b")
+_TAKING_AWAY = DeletePoi | DeleteEdge | DeleteRoad | MergePois | JoinRoads
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +32,8 @@ class Conflict:
         """Take what the model has said."""
         details = error.details()["conflict"]
         theirs, yours = details["theirs"], details["yours"]
-        can_insist = theirs is not None and details["yours"] is not None
+        # What takes the thing away leaves nothing of it to show, and can be insisted on all the same.
+        can_insist = theirs is not None and (yours is not None or isinstance(edit, _TAKING_AWAY))
         return cls(
             edit, str(error), details["by"], details["version"], _rows(theirs, yours, details["by"]), can_insist
         )  # fmt: skip

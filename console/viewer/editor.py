@@ -41,10 +41,12 @@ from navcore.planning.road_edits import MEET_M
 
 MAX_SNAP_M = 1.0
 """A click farther from the road than this is no tag on it."""
+PICK_ROAD_M = 0.2
+"""A click on the floor this near to a road means the road: between the dashes of a drawn one nothing else is hit."""
 
 
 class Editor:
-    """The editing of one person in one browser window. Used from one thread: the scene's loop."""
+    """The editing of one person in one browser window. Used by one thread at a time; any may read meanwhile."""
 
     def __init__(self, model: SiteModel, person: SignedIn, tell: Tell) -> None:
         self._model = model
@@ -53,9 +55,13 @@ class Editor:
         self._tell = tell
         self.mode = Mode.SELECT
         self.selected: Thing | None = None
+        self._seen_version = model.graph.version
+        """The draft's version when the person decided on what is selected, or chose between two versions of it."""
         self.begun: Begun | None = None
-        self._hand = Hand(model, self._who, tell, self._apply)
+        self._hand = Hand(model, tell, self._apply)
         self.conflict: Conflict | None = None
+        self._refused: Begun | None = None
+        """What was begun and has led to the conflict."""
         self.is_free = False
         """Whether new places stand where they are put, off the road."""
 
@@ -63,7 +69,8 @@ class Editor:
     @property
     def graph(self) -> PoiGraph:
         """The graph to draw: the draft, or what it would be if the move ended here."""
-        return self._model.graph if self.moving is None else self.moving.graph
+        moving = self.moving
+        return self._model.graph if moving is None else moving.graph
 
     @property
     def moving(self) -> Moving | None:
@@ -73,7 +80,8 @@ class Editor:
     @property
     def moving_id(self) -> str | None:
         """The place that is being moved."""
-        return None if self.moving is None else self.moving.poi.id
+        moving = self.moving
+        return None if moving is None else moving.poi.id
 
     @property
     def poi(self) -> Poi | None:
@@ -91,7 +99,8 @@ class Editor:
         return self._model.graph.roads.get(self._selected("road"))
 
     def _selected(self, kind: str) -> str:
-        return self.selected[1] if self.selected is not None and self.selected[0] == kind else ""
+        selected = self.selected
+        return selected[1] if selected is not None and selected[0] == kind else ""
 
     @property
     def version(self) -> int:
@@ -146,10 +155,13 @@ class Editor:
         else:
             self.selected = None
 
+    def _select(self, thing: Thing | None) -> None:
+        self.selected, self._seen_version = thing, self.version
+
     def select(self, thing: Thing | None = None) -> None:
         """Select a thing, or nothing."""
         self.put_down()
-        self.selected = thing
+        self._select(thing)
 
     def pick(self, thing: Thing) -> None:
         """A thing was clicked."""
@@ -167,12 +179,16 @@ class Editor:
             self._pick_for_edge(key)
         elif self.mode is Mode.SELECT and not self.wants_floor:
             self.begun = None
-            self.selected = thing
+            self._select(thing)
 
     def pick_floor(self, point_m: FloorPoint | None, is_free: bool = False) -> None:
         """The floor was clicked, or nothing at all; ``is_free``: off the road, if a place comes of it."""
         self.put_down()
         if point_m is None:
+            return
+        road_id = None if self.wants_floor else self._road_at(point_m)
+        if road_id is not None:
+            self.pick(("road", road_id))
             return
         match self.begun:
             case PlaceOnEdge(edge_id):
@@ -211,7 +227,7 @@ class Editor:
     def set_on_road(self, on_road: bool) -> None:
         """Put the selected place on the road, or let it stand free where it is."""
         if self.poi is not None:
-            self.apply(edits.MovePoi(self.poi.id, self.poi.x_m, self.poi.y_m, on_road=on_road))
+            self.apply(edits.MovePoi(self.poi.id, self.poi.x_m, self.poi.y_m, on_road=on_road), self._seen_version)
 
     def _begin_place(self, point_m: FloorPoint, is_free: bool) -> None:
         if is_free:
@@ -243,7 +259,7 @@ class Editor:
 
     def _merge(self, other_id: str, poi_id: str) -> None:
         if self._finish(edits.MergePois(poi_id, other_id)):
-            self.selected = ("poi", poi_id)
+            self._select(("poi", poi_id))
 
     # ------------------------------------------------------------------------------------------- connections
     def propose(self) -> None:
@@ -256,8 +272,10 @@ class Editor:
         begun = self.begun
         if not isinstance(begun, NewEdges):
             return False
-        before = self._model.graph.edges.keys()
         edit = edits.ProposeEdges() if begun.is_proposal else edits.AddEdge(begun.edges[0].a, begun.edges[0].b)
+        if begun.version != self.version and not self._is_still(begun, edit):
+            return False
+        before = self._model.graph.edges.keys()
         if not self._finish(edit):
             return False
         if not begun.is_proposal:
@@ -273,18 +291,33 @@ class Editor:
             self._begin_edges(edits.AddEdge(begun.poi_id, poi_id))
         else:
             self.begun = EdgeFrom(poi_id)
-        self.selected = ("poi", poi_id)
+        self._select(("poi", poi_id))
 
     def _begin_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool = False) -> None:
+        begun = self._new_edges(edit, is_proposal)
+        if begun is not None:
+            self.begun = begun
+
+    def _new_edges(self, edit: edits.AddEdge | edits.ProposeEdges, is_proposal: bool) -> NewEdges | None:
+        """What an edit would add now; None, and a sentence, where that is nothing."""
         before = self._model.graph
         try:
             after = self._model.preview(edit)
         except VbrError as error:
             self._tell("Nothing to connect" if is_proposal else "Not connected", str(error))
-            return
+            return None
         added = tuple(edge for key, edge in after.edges.items() if key not in before.edges)
-        if added:
-            self.begun = NewEdges(added, is_proposal)
+        return NewEdges(added, before.version, is_proposal) if added else None
+
+    def _is_still(self, shown: NewEdges, edit: edits.AddEdge | edits.ProposeEdges) -> bool:
+        """Whether the draft, which has changed, still gives what is shown; if not, what it gives is shown."""
+        now = self._new_edges(edit, shown.is_proposal)
+        if now is not None and now.is_like(shown):
+            return True
+        self.begun = now
+        if now is not None:
+            self._tell("Look again", "The map was changed meanwhile, and this would be added now: accept it once more.")
+        return False
 
     # ------------------------------------------------------------------------------------------------- roads
     def accept_drawing(self) -> bool:
@@ -335,7 +368,7 @@ class Editor:
 
     def _join(self, road_id: str, other_id: str) -> None:
         if self._finish(edits.JoinRoads(road_id, other_id)):
-            self.selected = ("road", road_id)
+            self._select(("road", road_id))
 
     def _near_road(self, road_id: str, point_m: FloorPoint) -> bool:
         if road_id not in self._model.graph.roads:
@@ -346,6 +379,14 @@ class Editor:
             self._tell("Not on the road", f"The road is {distance_m:.1f} m away: click on the one that is highlighted.")
         return distance_m <= MAX_SNAP_M
 
+    def _road_at(self, point_m: FloorPoint) -> str | None:
+        distances_m = {
+            road_id: project_on_path(self._road_path(road_id), *point_m).distance_m
+            for road_id in self._model.graph.roads
+        }
+        nearest = min(distances_m, key=distances_m.__getitem__, default=None)
+        return nearest if nearest is not None and distances_m[nearest] <= PICK_ROAD_M else None
+
     def _road_path(self, road_id: str) -> FloatArray:
         return np.array(self._model.graph.roads[road_id].points_m)
 
@@ -353,17 +394,20 @@ class Editor:
     def apply(self, edit: Edit, base_version: int | None = None) -> bool:
         """Make an edit; ``base_version`` is the version that was looked at. Return whether it was made."""
         self.put_down()
-        return self._apply(edit, base_version)
+        done = self._apply(edit, base_version)
+        if done and base_version is not None:
+            self._seen_version = max(self._seen_version, base_version)
+        return done
 
     def delete_selected(self) -> None:
         """Remove the selected place with its edges, the selected edge, or the selected road."""
         self.escape_move()
         if self.poi is not None:
-            self._apply(edits.DeletePoi(self.poi.id))
+            self._apply(edits.DeletePoi(self.poi.id), self._seen_version)
         elif self.edge is not None:
-            self._apply(edits.DeleteEdge(self.edge.id))
+            self._apply(edits.DeleteEdge(self.edge.id), self._seen_version)
         elif self.road is not None:
-            self._apply(edits.DeleteRoad(self.road.id))
+            self._apply(edits.DeleteRoad(self.road.id), self._seen_version)
 
     def undo(self) -> None:
         """Take back the own latest edit."""
@@ -379,11 +423,15 @@ class Editor:
         """Make the edit that was refused, over the version of somebody else."""
         conflict, self.conflict = self.conflict, None
         if conflict is not None:
-            self._apply(conflict.edit, conflict.version)
+            self._seen_version = conflict.version
+            if self._apply(conflict.edit, conflict.version) and self.begun is self._refused:
+                self.begun = None
 
     def keep_theirs(self) -> None:
         """Leave the version of somebody else as it is."""
-        self.conflict = None
+        conflict, self.conflict = self.conflict, None
+        if conflict is not None:
+            self._seen_version = conflict.version
 
     # ----------------------------------------------------------------------------------------------- moving
     def drag_to(self, poi_id: str, point_m: FloorPoint | None) -> None:
@@ -391,7 +439,8 @@ class Editor:
         if not self.may_edit or self.mode is not Mode.SELECT:
             return
         if self.moving_id != poi_id and poi_id in self._model.graph.pois:
-            self.selected, self.begun = ("poi", poi_id), None
+            self._select(("poi", poi_id))
+            self.begun = None
         self._hand.drag_to(poi_id, point_m)
 
     def drop(self, poi_id: str, point_m: FloorPoint | None) -> None:
@@ -428,16 +477,18 @@ class Editor:
     # --------------------------------------------------------------------------------------------- internals
     def _finish(self, edit: Edit) -> bool:
         """Make the edit that was begun; where it is refused, it stays begun."""
-        done = self._apply(edit)
+        done = self._apply(edit, self._seen_version)
         if done:
             self.begun = None
+        elif self.conflict is not None:
+            self._refused = self.begun
         return done
 
     def _select_new(self, kind: ThingKind, before: Collection[str]) -> None:
         graph = self._model.graph
         of_kind: dict[ThingKind, Collection[str]] = {"poi": graph.pois, "edge": graph.edges, "road": graph.roads}
         new = next((key for key in of_kind[kind] if key not in before), None)
-        self.selected = (kind, new) if new is not None else None
+        self._select((kind, new) if new is not None else None)
 
     def _apply(self, edit: Edit, base_version: int | None = None) -> bool:
         def make() -> None:

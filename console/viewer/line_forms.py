@@ -12,7 +12,7 @@ from console.edits import SetEdge, SmoothRoad
 from console.viewer import appearance as look
 from console.viewer.begun import CutRoad, JoinedRoad, PlaceOnEdge, TrimmedRoad, name_of
 from console.viewer.editor import Editor
-from console.viewer.widgets import Refresh, on_change, on_choice, on_press, set_value
+from console.viewer.widgets import Act, on_change, on_choice, on_press, set_value
 from console.viewer.wording import card
 from navcore.planning.poi_graph import CAUTION_SIDES, CautionSide, Edge, Road
 
@@ -25,7 +25,7 @@ _ORIGINS = {"recorded": "recorded by a walk", "drawn": "drawn by hand: nobody ha
 class ConnectionForm:
     """How the selected edge may be walked."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, act: Act) -> None:
         self._editor = editor
         self._edge: Edge | None = None
         self._version = 0
@@ -48,11 +48,11 @@ class ConnectionForm:
                 more = gui.add_button_group("Edge", (_PLACE_ON_IT, _TURN), hint=(
                     "A new place on this connection; or lead it the other way"
                 ))  # fmt: skip
-                on_choice(more, {_PLACE_ON_IT: self._place_on_it, _TURN: self._turn}, refresh)
+                on_choice(more, {_PLACE_ON_IT: self._place_on_it, _TURN: self._turn}, act)
                 delete = gui.add_button("Delete connection", icon=viser.Icon.TRASH, color="red", hint="Delete")
-                on_press(delete, editor.delete_selected, refresh)
+                on_press(delete, editor.delete_selected, act)
         for widget in (self._one_way, self._closed, self._cost, self._width, self._caution):
-            on_change(widget, self._apply, refresh)
+            on_change(widget, self._apply, act)
 
     def _apply(self) -> None:
         edge = self._edge
@@ -103,7 +103,7 @@ class ConnectionForm:
 class RoadForm:
     """What the selected road is, and what can be done to it."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, act: Act) -> None:
         self._editor = editor
         self._road: Road | None = None
         self._version = 0
@@ -115,13 +115,13 @@ class RoadForm:
                 lines = gui.add_button_group("Line", (smooth, trim), hint=(
                     "Smooth: take the sway out. Trim: keep what lies between two clicks."
                 ))  # fmt: skip
-                on_choice(lines, {smooth: self._smooth, trim: self._trim}, refresh)
+                on_choice(lines, {smooth: self._smooth, trim: self._trim}, act)
                 parts = gui.add_button_group("Parts", (split, join), hint=(
                     "Split here: click where it is cut in two. Join: click the other road."
                 ))  # fmt: skip
-                on_choice(parts, {split: self._split, join: self._join}, refresh)
+                on_choice(parts, {split: self._split, join: self._join}, act)
                 delete = gui.add_button("Delete road", icon=viser.Icon.TRASH, color="red", hint="Delete")
-                on_press(delete, editor.delete_selected, refresh)
+                on_press(delete, editor.delete_selected, act)
 
     def _smooth(self) -> None:
         if self._road is not None:

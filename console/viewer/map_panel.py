@@ -12,14 +12,14 @@ from console.viewer.conflict import Conflict
 from console.viewer.editor import Editor
 from console.viewer.line_forms import ConnectionForm, RoadForm
 from console.viewer.place_forms import Guide, NewPlaceForm, PlaceForm
-from console.viewer.widgets import Refresh, on_change, on_choice, on_press
+from console.viewer.widgets import Act, on_change, on_choice, on_press
 from console.viewer.wording import card, conflict_card, people_card
 
 _PROPOSE, _PUBLISH, _PUBLISHED = "Propose", "Publish", "Published"
 
 
 class MapPanel:
-    """Widgets for the editor of one client; ``refresh`` redraws scene and panel after each action.
+    """Widgets for the editor of one client; ``act`` does each action and redraws scene and panel after it.
 
     ``guide`` is None for who may not lead the walker.
     """
@@ -28,22 +28,22 @@ class MapPanel:
         self,
         client: viser.ClientHandle,
         editor: Editor,
-        refresh: Refresh,
+        act: Act,
         publish: Callable[[], None],
         guide: Guide | None,
     ) -> None:
         self._gui = client.gui
         self._editor = editor
-        self._refresh = refresh
+        self._act = act
         self._hint = self._gui.add_html("")
         self._people = self._gui.add_html("", visible=False)
-        self._conflict = _ConflictForm(self._gui, editor, refresh) if editor.may_edit else None
+        self._conflict = _ConflictForm(self._gui, editor, act) if editor.may_edit else None
         if editor.may_edit:
             self._add_tools(publish)
-        self._new_place = NewPlaceForm(self._gui, editor, refresh) if editor.may_edit else None
-        self._place = PlaceForm(self._gui, editor, refresh, guide)
-        self._connection = ConnectionForm(self._gui, editor, refresh)
-        self._road = RoadForm(self._gui, editor, refresh)
+        self._new_place = NewPlaceForm(self._gui, editor, act) if editor.may_edit else None
+        self._place = PlaceForm(self._gui, editor, act, guide)
+        self._connection = ConnectionForm(self._gui, editor, act)
+        self._road = RoadForm(self._gui, editor, act)
 
     def _add_tools(self, publish: Callable[[], None]) -> None:
         gui, editor = self._gui, self._editor
@@ -61,18 +61,18 @@ class MapPanel:
         self._free = gui.add_checkbox(
             "Free position", False, visible=False, hint="New places stand where you click, off the road (Shift+click)"
         )
-        on_change(self._free, self._set_free, self._refresh)
+        on_change(self._free, self._set_free, self._act)
         self._accept = gui.add_button("Accept (Enter)", icon=viser.Icon.CHECK, color="green", visible=False)
         self._on_press(self._accept, self.accept)
         self._undo_redo = gui.add_button_group("Edits", ("Undo", "Redo"), hint="Ctrl+Z, Ctrl+Shift+Z")
-        on_choice(self._undo_redo, {"Undo": editor.undo, "Redo": editor.redo}, self._refresh)
+        on_choice(self._undo_redo, {"Undo": editor.undo, "Redo": editor.redo}, self._act)
         self._more = gui.add_button_group("Map", (_PROPOSE, _PUBLISHED), hint=(
             "Propose: connections between all neighbours along the road. Publish: give this map to the devices."
         ))  # fmt: skip
-        on_choice(self._more, {_PROPOSE: editor.propose, _PUBLISH: publish, _PUBLISHED: publish}, self._refresh)
+        on_choice(self._more, {_PROPOSE: editor.propose, _PUBLISH: publish, _PUBLISHED: publish}, self._act)
 
     def _on_press(self, button: viser.GuiButtonHandle, action: Callable[[], object]) -> None:
-        on_press(button, action, self._refresh)
+        on_press(button, action, self._act)
 
     def _set_free(self) -> None:
         self._editor.is_free = self._free.value
@@ -88,6 +88,10 @@ class MapPanel:
                 self._new_place.add()
             case _:
                 self._editor.put_down()
+
+    def show_working(self) -> None:
+        """Say that what was asked for goes on; :meth:`show` ends that."""
+        self._hint.content = card("Working…")
 
     def show(self, unpublished: bool) -> None:
         """Bring the widgets in line with the editor."""
@@ -120,7 +124,7 @@ class MapPanel:
 class _ConflictForm:
     """Both versions of what two people have changed, and which of them stays."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, act: Act) -> None:
         self._editor = editor
         self._shown: Conflict | None = None
         self._folder = gui.add_folder("Conflict", visible=False)
@@ -128,8 +132,8 @@ class _ConflictForm:
             self._words = gui.add_html("")
             self._mine = gui.add_button("Use mine", color="orange")
             self._theirs = gui.add_button("Keep theirs", color="gray")
-        on_press(self._mine, editor.use_mine, refresh)
-        on_press(self._theirs, editor.keep_theirs, refresh)
+        on_press(self._mine, editor.use_mine, act)
+        on_press(self._theirs, editor.keep_theirs, act)
 
     def show(self) -> bool:
         """Show the editor's conflict; return whether one has just been settled."""

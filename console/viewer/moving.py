@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from console.edit_conflict import EditConflictError
 from console.edits import MovePoi
 from console.model import SiteModel
 from console.viewer.begun import FloorPoint
@@ -68,9 +67,8 @@ def moved_to(moving: Moving, point_m: FloorPoint, model: SiteModel) -> Moving:
 class Hand:
     """Moves one place at a time, for one editor; ``apply`` makes an edit over the version that was looked at."""
 
-    def __init__(self, model: SiteModel, who: str, tell: Tell, apply: Callable[[MovePoi, int], object]) -> None:
+    def __init__(self, model: SiteModel, tell: Tell, apply: Callable[[MovePoi, int], object]) -> None:
         self._model = model
-        self._who = who
         self._tell = tell
         self._apply = apply
         self.moving: Moving | None = None
@@ -134,14 +132,8 @@ class Hand:
 
     def _let_go_of_deleted(self, moving: Moving) -> None:
         self.let_go()
-        who = "Somebody"
-        try:
-            # It is refused, and the refusal says by whom the place was deleted.
-            self._model.apply(moving.edit, self._who, moving.base_version)
-        except EditConflictError as error:
-            who = error.details()["conflict"]["by"]
-        except VbrError:
-            pass
+        change = self._model.last_change(("poi", moving.poi.id))
+        who = change.author if change is not None else "Somebody"
         self._tell("Let go", f"{who} has deleted {moving.poi.name} meanwhile: the move has ended.")
 
 

@@ -48,6 +48,18 @@ document.hasFocus = () => document.visibilityState === 'visible';
     const again = new KeyboardEvent('keydown', {key: event.key, code: event.key, bubbles: true});
     setTimeout(() => document.body.dispatchEvent(again), SEND_MS);
   }, true);
+  // A place that has just been begun wants its name: letters typed now are no shortcuts.
+  const visible = (element) => element.getClientRects().length > 0;
+  let wasBegun = false;
+  setInterval(() => {
+    const title = document.evaluate("//*[text()='New place']", document.body, null, 9, null).singleNodeValue;
+    const isBegun = Boolean(title && visible(title));
+    if (isBegun && !wasBegun) {
+      const after = (input) => title.compareDocumentPosition(input) & Node.DOCUMENT_POSITION_FOLLOWING;
+      [...document.querySelectorAll('input')].find((input) => field(input) && visible(input) && after(input))?.focus();
+    }
+    wasBegun = isBegun;
+  }, 100);
   // Plain arrows and Space are the editor's; the camera, which knows keys by their code, has Alt with the arrows.
   const OURS = {'?': 'h', ArrowUp: 'ArrowUp', ArrowDown: 'ArrowDown', ArrowLeft: 'ArrowLeft', ArrowRight: 'ArrowRight'};
   const busy = (target) => target.closest?.('input, textarea, select, [contenteditable], [role=tablist], [role=dialog],'

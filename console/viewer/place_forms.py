@@ -10,7 +10,7 @@ from console.edits import AddPoi, UpdatePoi
 from console.viewer import appearance as look
 from console.viewer.begun import MergePlace, NewPlace
 from console.viewer.editor import Editor
-from console.viewer.widgets import Refresh, on_change, on_press, set_value
+from console.viewer.widgets import Act, on_change, on_press, set_value
 from navcore.planning.poi_graph import Poi
 
 Guide = Callable[[str], None]
@@ -21,7 +21,7 @@ _SPOKEN_HINT = "What the walker hears; empty: the name"
 class NewPlaceForm:
     """Name, kind, spoken name and notes of the place about to be added."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, act: Act) -> None:
         self._editor = editor
         self._folder = gui.add_folder("New place", visible=False)
         with self._folder:
@@ -31,8 +31,8 @@ class NewPlaceForm:
             self._notes = gui.add_text("Notes", "", multiline=True)
             add = gui.add_button("Add place (Enter)", icon=viser.Icon.CHECK, color="green")
             cancel = gui.add_button("Cancel (Esc)", color="gray")
-        on_press(add, self.add, refresh)
-        on_press(cancel, editor.escape, refresh)
+        on_press(add, self.add, act)
+        on_press(cancel, editor.escape, act)
 
     def add(self) -> None:
         """Add the place; an empty name becomes the kind."""
@@ -56,7 +56,7 @@ class NewPlaceForm:
 class PlaceForm:
     """The selected place. What is being typed stays, and is held against the version that it was typed over."""
 
-    def __init__(self, gui: viser.GuiApi, editor: Editor, refresh: Refresh, guide: Guide | None) -> None:
+    def __init__(self, gui: viser.GuiApi, editor: Editor, act: Act, guide: Guide | None) -> None:
         self._editor = editor
         self._poi: Poi | None = None
         """The place as it was filled in."""
@@ -72,16 +72,16 @@ class PlaceForm:
                 "Off the road", False, disabled=locked, hint="Stands free where it is, and is no destination"
             )
             if editor.may_edit:
-                on_press(gui.add_button("Apply", icon=viser.Icon.CHECK), self._apply, refresh)
+                on_press(gui.add_button("Apply", icon=viser.Icon.CHECK), self._apply, act)
                 merge = gui.add_button("Merge into…", icon=viser.Icon.ARROW_MERGE, color="gray")
-                on_press(merge, self._merge, refresh)
+                on_press(merge, self._merge, act)
                 delete = gui.add_button("Delete place", icon=viser.Icon.TRASH, color="red", hint="Delete")
-                on_press(delete, editor.delete_selected, refresh)
+                on_press(delete, editor.delete_selected, act)
             if guide is not None:
                 button = gui.add_button("Guide the walker here", icon=viser.Icon.NAVIGATION, color="teal")
-                on_press(button, lambda: guide(self._poi.id) if self._poi is not None else None, refresh)
-        on_change(self._kind, self._apply, refresh)
-        on_change(self._free, lambda: editor.set_on_road(not self._free.value), refresh)
+                on_press(button, lambda: guide(self._poi.id) if self._poi is not None else None, act)
+        on_change(self._kind, self._apply, act)
+        on_change(self._free, lambda: editor.set_on_road(not self._free.value), act)
 
     def _apply(self) -> None:
         poi = self._poi

@@ -1,7 +1,8 @@
 """Everything that one browser window sees and does: its editor, its layers, its panel.
 
-Made when a client connects, dropped when it goes. All of it runs in the scene's own loop, one thing after the other;
-``tick`` (20 Hz) brings the picture in line with model and hub, and sends only what differs.
+Made when a client connects, dropped when it goes. What is done with the editor runs beside the scene's loop, one thing
+after the other; all else runs in the loop. ``tick`` (20 Hz) brings the picture in line with model and hub, and sends
+only what differs.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from collections.abc import Callable
+from concurrent.futures import Future
 from functools import partial
 
 import numpy as np
@@ -16,7 +18,6 @@ import viser
 from viser._gui_handles import GuiModalHandle
 
 from console.edits import Thing, ThingKind
-from console.errors import ConsoleError
 from console.presence import Doing
 from console.publishing import UnconfirmedError, publish
 from console.roles import EDITING, TUNING, SignedIn
@@ -43,11 +44,14 @@ from console.viewer.theming import add_floor, set_theme
 from console.viewer.tuning_panel import TuningPanel
 from console.viewer.view_panel import ViewPanel
 from console.viewer.walker_panel import WalkerPanel
-from console.viewer.widgets import on_press
+from console.viewer.widgets import Act, at_once, on_press
 from console.viewer.wording import keys_table
+from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
 _NOTICE_S = 6.0
+_WORKING_S = 0.5
+"""What takes longer says that it goes on."""
 _PRESENCE_S = 4.0
 """A window says this often that it is still there (:mod:`console.presence` forgets the silent)."""
 
@@ -76,6 +80,11 @@ class SessionView:
         self._said_at_s = -np.inf
         self._others: tuple[object, ...] = ()
         self._help: GuiModalHandle | None = None
+        self._loop = asyncio.get_running_loop()
+        self._order = asyncio.Lock()
+        """Held while an action has the editor."""
+        self._taken: set[asyncio.Task[None]] = set()
+        self._publishing: Future[None] | None = None
         self.editor = Editor(services.model, person, self.tell)
         self.keyboard = Keyboard(self.editor, self._camera_floor, services.hub.now_s)
         may_edit = self.editor.may_edit
@@ -101,7 +110,7 @@ class SessionView:
         tabs = gui.add_tab_group()
         with tabs.add_tab("Map"):
             guide = self._guide_to if self.person.role in EDITING else None
-            self.map_panel = MapPanel(self.client, self.editor, self.refresh, self.publish, guide)
+            self.map_panel = MapPanel(self.client, self.editor, self.act, self.publish, guide)
         with tabs.add_tab("Walker"):
             self.walker_panel = WalkerPanel(self.client, hub, self.person, self.tell)
         with tabs.add_tab("View"):
@@ -136,20 +145,23 @@ class SessionView:
             "next_connection": partial(keyboard.cycle, "edge", 1),
             "previous_connection": partial(keyboard.cycle, "edge", -1),
             "next_road": partial(keyboard.cycle, "road", 1), "previous_road": partial(keyboard.cycle, "road", -1),
-            "overview": self.view_panel.overview, "above": self.view_panel.from_above,
-            "follow": self.view_panel.follow, "help": self.show_help,
             **{name: partial(keyboard.arrow, *step) for name, step in ARROWS.items()},
         }  # fmt: skip
+        views: dict[str, Callable[[], object]] = {
+            "overview": self.view_panel.overview, "above": self.view_panel.from_above,
+            "follow": self.view_panel.follow, "help": self.show_help,
+        }  # fmt: skip
         for shortcut in SHORTCUTS:
-            if editor.may_edit or not shortcut.is_editing:
-                self._add_shortcut(shortcut, actions[shortcut.action])
+            if shortcut.action in views:
+                self._add_shortcut(shortcut, views[shortcut.action], at_once)
+            elif editor.may_edit or not shortcut.is_editing:
+                self._add_shortcut(shortcut, actions[shortcut.action], self.act)
 
-    def _add_shortcut(self, shortcut: Shortcut, action: Callable[[], object]) -> None:
+    def _add_shortcut(self, shortcut: Shortcut, action: Callable[[], object], act: Act) -> None:
         command = self.client.gui.add_command(shortcut.words, hotkey=shortcut.key, modifier=shortcut.modifier)
 
         async def triggered(_: object) -> None:
-            action()
-            self.refresh()
+            await act(action)
 
         command.on_trigger(triggered)
 
@@ -161,7 +173,7 @@ class SessionView:
         self._help = self.client.gui.add_modal("Keys and mouse")
         with self._help:
             self.client.gui.add_html(keys_table(help_groups(self.editor.may_edit)))
-            on_press(self.client.gui.add_button("Close (H)"), self._close_help, self.refresh)
+            on_press(self.client.gui.add_button("Close (H)"), self._close_help, at_once)
 
     def _close_help(self) -> None:
         if self._help is not None:
@@ -169,13 +181,45 @@ class SessionView:
             self._help = None
 
     def _escape(self) -> None:
-        self._close_help()
+        if self._help is not None:
+            # What lies on top goes; what was begun below it stays.
+            self._close_help()
+            return
         self.keyboard.forget()
         self.editor.escape()
 
     # ----------------------------------------------------------------------------------------------- actions
+    async def act(self, action: Callable[[], object]) -> None:
+        """Do something with the editor, then redraw: one action after the other, in the order in which they were asked.
+
+        An edit of a long road takes seconds: not in the loop that moves everybody's picture.
+        """
+        try:
+            async with self._order:
+                working = self._loop.call_later(_WORKING_S, self.map_panel.show_working)
+                try:
+                    await asyncio.to_thread(self._do, action)
+                finally:
+                    working.cancel()
+        finally:
+            self.refresh()
+
+    def _do(self, action: Callable[[], object]) -> None:
+        action()
+        # Drawing the roads takes their network, which is worked out when it is first asked for.
+        _ = self._services.model.network
+
+    async def idle(self) -> None:
+        """Wait until what was asked for until now is done."""
+        while self._taken:
+            await asyncio.wait(self._taken)
+        async with self._order:
+            pass
+
     def tell(self, title: str, sentence: str) -> None:
         """Show a notice in this window for a few seconds."""
+        if not self._is_open():
+            return
         self.client.add_notification(title, sentence, auto_close_seconds=_NOTICE_S, color="orange")
 
     def publish(self) -> None:
@@ -185,12 +229,12 @@ class SessionView:
             return
         self.editor.put_down()
         # The draft is checked first, which may take seconds: not in the loop that moves everybody's picture.
-        self._publishing = asyncio.get_running_loop().create_task(self._publish())
+        self._publishing = asyncio.run_coroutine_threadsafe(self._publish(), self._loop)
 
     async def published(self) -> None:
         """Wait until what was asked to be published last is published, or refused."""
         if self._publishing is not None:
-            await self._publishing
+            await asyncio.wrap_future(self._publishing)
 
     async def _publish(self) -> None:
         services, who = self._services, self.person.user_name
@@ -198,8 +242,11 @@ class SessionView:
             published = await asyncio.to_thread(publish, services.model, services.checks, who)
         except UnconfirmedError as error:
             self.tell("Not published", f"{error} See the page Checks; Versions publishes all the same.")
-        except ConsoleError as error:
+        except VbrError as error:
             self.tell("Not published", str(error))
+        except Exception:
+            _log.exception("The draft of %s could not be published.", who)
+            self.tell("Not published", "Something unexpected went wrong, which is in the console's log: try again.")
         else:
             sentence = f"The devices are given version {published.version}."
             self.client.add_notification("Published", sentence, auto_close_seconds=_NOTICE_S, color="green")
@@ -209,23 +256,28 @@ class SessionView:
         self.walker_panel.guide_to(poi_id)
 
     async def _pick(self, kind: ThingKind, key: str, screen_pos: tuple[float, float]) -> None:
-        if kind != "poi" and self.editor.wants_floor:
-            # The click on the floor behind it, which comes next, is the one that is meant.
-            return
-        self._last_pick_px = screen_pos
-        self.keyboard.forget()
-        self.editor.pick((kind, key))
-        self.refresh()
+        def pick() -> None:
+            if kind != "poi" and self.editor.wants_floor:
+                # The click on the floor behind it, which comes next, is the one that is meant.
+                return
+            self._last_pick_px = screen_pos
+            self.keyboard.forget()
+            self.editor.pick((kind, key))
+
+        await self.act(pick)
 
     async def _click_floor(self, event: viser.SceneClickEvent) -> None:
-        # Viser reports a click on a node, and then the same click on the scene behind it.
-        if self._last_pick_px is not None and event.screen_pos == self._last_pick_px:
-            self._last_pick_px = None
-            return
-        self._last_pick_px = None
-        self.keyboard.forget()
-        self.editor.pick_floor(floor_point(event.ray_origin, event.ray_direction), is_free=event.modifier == "shift")
-        self.refresh()
+        point_m = floor_point(event.ray_origin, event.ray_direction)
+
+        def pick() -> None:
+            # Viser reports a click on a node, and then the same click on the scene behind it.
+            picked_px, self._last_pick_px = self._last_pick_px, None
+            if picked_px is not None and event.screen_pos == picked_px:
+                return
+            self.keyboard.forget()
+            self.editor.pick_floor(point_m, is_free=event.modifier == "shift")
+
+        await self.act(pick)
 
     async def _drag_poi(self, poi_id: str, event: viser.SceneNodeDragEvent) -> None:  # type: ignore[type-arg]
         eye_m = self.client.camera.position
@@ -236,8 +288,10 @@ class SessionView:
             self.editor.escape_move()
             return
         if event.phase == "end":
-            self.editor.drop(poi_id, point_m)
-        else:
+            await self.act(partial(self.editor.drop, poi_id, point_m))
+            return
+        async with self._order:
+            # A thread for each movement of the mouse would cost more than working out where the place is.
             self.editor.drag_to(poi_id, point_m)
         self.refresh()
 
@@ -253,11 +307,12 @@ class SessionView:
                     self._fly_to(poi.x_m, poi.y_m, ("poi", poi.id))
             case FlyToPoint(x_m, y_m, thing):
                 self._fly_to(x_m, y_m, thing)
-        self.refresh()
 
     def _fly_to(self, x_m: float, y_m: float, thing: Thing | None) -> None:
-        self.editor.select(thing)
         self.view_panel.fly_to(x_m, y_m)
+        task = self._loop.create_task(self.act(partial(self.editor.select, thing)))
+        self._taken.add(task)
+        task.add_done_callback(self._taken.discard)
 
     def leave(self) -> None:
         """The window is closed: what was begun is dropped, and others no longer see this person here."""
@@ -272,7 +327,9 @@ class SessionView:
 
     # ----------------------------------------------------------------------------------------------- drawing
     def refresh(self) -> None:
-        """Draw the graph and the editor's panel as they are now."""
+        """Draw the graph and the editor's panel as they are now; an action that has the editor draws when it ends."""
+        if self._order.locked() or not self._is_open():
+            return
         editor, model = self.editor, self._services.model
         editor.keep_up()
         selected = dict([editor.selected]) if editor.selected is not None else {}
@@ -288,11 +345,8 @@ class SessionView:
     def tick(self, view: LiveView) -> None:
         """Bring the picture in line with what is known now."""
         model, hub = self._services.model, self._services.hub
-        was_moving = self.editor.moving
-        self.editor.rest(hub.now_s())
-        is_current = self._drawn == (model.graph.version, model.published.version) and self.graph.is_complete
-        if not is_current or was_moving is not self.editor.moving:
-            self.refresh()
+        if not self._order.locked():
+            self._keep_up(hub.now_s())
         self._say_presence()
         self._show_people()
         self.live.hide_details(not self.view_panel.details.value)
@@ -303,7 +357,15 @@ class SessionView:
         self.view_panel.tick(view)
         cue = self.live.cue_spot
         kept_clear = (*self.people.spots, cue) if cue is not None else self.people.spots
-        self.labels.arrange(self.editor.poi.id if self.editor.poi else None, self.view_panel.lengths.value, kept_clear)
+        poi = self.editor.poi
+        self.labels.arrange(poi.id if poi is not None else None, self.view_panel.lengths.value, kept_clear)
+
+    def _keep_up(self, now_s: float) -> None:
+        model, was_moving = self._services.model, self.editor.moving
+        self.editor.rest(now_s)
+        is_current = self._drawn == (model.graph.version, model.published.version) and self.graph.is_complete
+        if not is_current or was_moving is not self.editor.moving:
+            self.refresh()
 
     # ---------------------------------------------------------------------------------------------- presence
     @property

@@ -16,7 +16,7 @@ from console.hub import DeviceHub
 from console.live import Command, LiveDevice
 from console.roles import TUNING, SignedIn
 from console.tuning import Tuning
-from console.viewer.widgets import nothing, on_change, on_press, set_value
+from console.viewer.widgets import at_once, on_change, on_press, set_value
 from console.viewer.wording import card
 from navcore.errors import VbrError
 from navcore.settings import SettingSpec, SettingValue, setting_specs
@@ -60,8 +60,8 @@ class TuningPanel:
             self._question = gui.add_html("")
             send = gui.add_button("Send it", icon=viser.Icon.CHECK, color="orange")
             back = gui.add_button("Take it back", color="gray")
-        on_press(send, self._confirm, nothing)
-        on_press(back, self._take_back, nothing)
+        on_press(send, self._confirm, at_once)
+        on_press(back, self._take_back, at_once)
 
     def _add(self, gui: viser.GuiApi, spec: SettingSpec) -> None:
         widget = _widget(gui, spec)
@@ -71,7 +71,7 @@ class TuningPanel:
             self._moved[spec.key] = widget.value
             self._moved_s = self._hub.now_s()
 
-        on_change(widget, move, nothing)
+        on_change(widget, move, at_once)
 
     # ----------------------------------------------------------------------------------------------- sending
     def tick(self, device: LiveDevice | None) -> None:

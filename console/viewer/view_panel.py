@@ -13,7 +13,7 @@ from console.viewer.cloud import CameraView, FloorBounds, overview, plan_view
 from console.viewer.cloud_colours import Colouring, legend
 from console.viewer.cloud_layer import CloudLayer
 from console.viewer.live_view import LiveView
-from console.viewer.widgets import nothing, on_change, on_choice
+from console.viewer.widgets import at_once, on_change, on_choice
 from console.viewer.wording import card, legend_card
 
 _FOLLOW_BACK_M, _FOLLOW_UP_M = 5.0, 5.0
@@ -55,17 +55,17 @@ class ViewPanel:
         camera = gui.add_button_group(
             "Camera", ("Overview", "From above", "Follow"), hint="O: overview, P: from above, F: follow the walker"
         )
-        on_choice(camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, nothing)
+        on_choice(camera, {"Overview": self.overview, "From above": self.from_above, "Follow": self.follow}, at_once)
         ceiling = client.scene.add_frame("/map/ceiling", show_axes=False, visible=False)
         for layer, word in ((cloud, "Point cloud"), (ceiling, "Ceiling"), (road, "Road")):
             self._add_layer(gui, layer, word)
         self._colouring = gui.add_dropdown("Colour", tuple(each.value for each in Colouring))
-        on_change(self._colouring, self._colour, nothing)
+        on_change(self._colouring, self._colour, at_once)
         self._legend = gui.add_html("", visible=False)
         self.lengths = gui.add_checkbox("Lengths", True)
         self.details = gui.add_checkbox("What the walker's device sees", True)
         theme = gui.add_button_group("Theme", ("Dark", "Light"))
-        on_choice(theme, {"Dark": lambda: set_theme("dark"), "Light": lambda: set_theme("light")}, nothing)
+        on_choice(theme, {"Dark": lambda: set_theme("dark"), "Light": lambda: set_theme("light")}, at_once)
         gui.add_html(card(sentence))
 
     @staticmethod
@@ -75,7 +75,7 @@ class ViewPanel:
         def toggle() -> None:
             layer.visible = box.value
 
-        on_change(box, toggle, nothing)
+        on_change(box, toggle, at_once)
 
     def _colour(self) -> None:
         colouring = Colouring(self._colouring.value) if self._colouring.value in _COLOURINGS else Colouring.SEEN

@@ -13,7 +13,7 @@ from console.live import Freshness, LiveDevice
 from console.roles import EDITING, SignedIn
 from console.viewer.appearance import age_text
 from console.viewer.live_view import LiveView, direction_words, reason_sentence
-from console.viewer.widgets import nothing, on_change, on_choice, on_press, set_value
+from console.viewer.widgets import at_once, on_change, on_choice, on_press, set_value
 from console.viewer.wording import status_card
 from navcore.errors import VbrError
 from navcore.modes import Mode
@@ -43,14 +43,14 @@ class WalkerPanel:
         self._target = gui.add_dropdown("Guide to", (_NOWHERE,), visible=self._may_guide)
         self._guide = gui.add_button("Guide the walker there", icon=viser.Icon.NAVIGATION, visible=self._may_guide)
         self._pause = gui.add_button_group("Guidance", ("Pause", "Resume", "Stop", "Repeat"), visible=self._may_guide)
-        on_change(self._devices, self._choose_device, nothing)
-        on_press(self._guide, self._guide_there, nothing)
+        on_change(self._devices, self._choose_device, at_once)
+        on_press(self._guide, self._guide_there, at_once)
         who = person.user_name
         orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop": hub.clear, "Repeat": hub.repeat}
         on_choice(
             self._pause,
             {word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()},
-            nothing,
+            at_once,
         )
 
     def _choose_device(self) -> None:

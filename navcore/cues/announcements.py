@@ -9,12 +9,13 @@ a place             ``announce_m`` at the usual speed, more for whoever walks fa
 a turn              so that the sentence is over ``turn_lead_s`` before the turn is due; not when it could not be over
 stairs              as a place; but late rather than not at all, and whatever the verbosity
 caution, narrow     when the walker has come onto the edge and walks, for only then are left and right those of the way;
-                    whatever the verbosity
+                    it waits for other words while it can still begin early on the edge, and not longer; but late
+                    rather than not at all, and whatever the verbosity
 reassurance         as soon as there is time, after ``reassurance_m``
 ==================  ================================================================================================
 
-The last two come after the others: neither cuts them off, makes a place be told later than ``announce_m`` less 1 m, or
-a turn too late to be told at all.
+A reassurance comes after the others: it does not cut them off, make a place be told later than ``announce_m`` less 1 m,
+a turn too late to be told at all, or a caution wait. Nor does a caution where it can wait.
 """
 
 from __future__ import annotations
@@ -44,6 +45,8 @@ NARROW_MARGIN_M = 0.2
 """People who walk by what they hear sway so far: a passage less than this wider than a person is narrow for them."""
 OF_THE_MAP = frozenset({CueKind.POI_AHEAD, CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE})
 """What the map knows of the way, each thing said once; again where other words have cut it off."""
+BEGINS_SHARE, BEGINS_M = 0.45, 5.0
+"""What is to be known of an edge begins in this part of it, and on no more than so much of it, whatever else is due."""
 _CYCLE_S = 0.1
 """So much later at most is decided again whether something may begin."""
 _STRAIGHT_HOLD_S = 1.0
@@ -209,27 +212,65 @@ def _of_the_edge(
     # No identifier of a PoI has a colon.
     what = f"{kind.value}:{piece.edge_id}"
     text = TEXTS[settings.cues.language][key]
-    if what in memory.announced or not _leaves_time(text, guidance, memory, route, settings, now_s):
+    if what in memory.announced:
+        return None, memory
+    wait_s = _wait_s(text, guidance, memory, route, settings, now_s)
+    if _makes_a_hazard_too_late(text, guidance, memory, route, settings):
+        return None, memory
+    if wait_s > 0.0 and _walked_m(guidance, route) + guidance.trace.speed_m_s * wait_s <= _latest_begin_m(piece):
         return None, memory
     return Cue(now_s, kind, PRIORITY[kind], text), _announced(memory, what)
 
 
-def _leaves_time(
-    text: str, guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
+def _makes_a_hazard_too_late(
+    text: str, guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings
 ) -> bool:
-    """Whether a sentence, said now, neither cuts off another nor makes the next place or turn be told too late."""
-    if memory.bus.is_speaking(now_s):
-        return False
-    heard_s = speech_duration_s(text, settings.cues.language) + PAUSE_S + _CYCLE_S
-    heard_m, verbosity = guidance.trace.speed_m_s * heard_s, settings.cues.verbosity
-    turn = _next_turn(guidance, memory, route, settings) if is_said(CueKind.TURN_AHEAD, verbosity) else None
-    if turn is not None and turn.ahead_m - heard_m < turn.latest_m <= turn.ahead_m:
-        return False
-    return not any(
-        is_said(place.kind, verbosity)
-        and place.ahead_m - heard_m < place.earliest_m - PLACE_TOLERANCE_M <= place.ahead_m
+    """Whether, with a sentence said first, stairs could not be heard of before the walker is there."""
+    heard_m = guidance.trace.speed_m_s * _heard_s(text, settings)
+    return any(
+        place.kind is CueKind.HAZARD_AHEAD and place.ahead_m - heard_m < place.latest_m
         for place in _places_ahead(guidance, memory, route, settings)
     )
+
+
+def _heard_s(text: str, settings: Settings) -> float:
+    """Return how long it takes until something else can begin after a sentence."""
+    return speech_duration_s(text, settings.cues.language) + PAUSE_S + _CYCLE_S
+
+
+def _walked_m(guidance: Guidance, route: Route | None) -> float:
+    left_m = guidance.trace.remaining_m
+    return math.inf if route is None or left_m is None else route.length_m - left_m
+
+
+def _latest_begin_m(piece: RoutePiece) -> float:
+    """Return up to where on the route what is to be known of a piece waits for other words."""
+    return piece.start_m + min(BEGINS_SHARE * (piece.end_m - piece.start_m), BEGINS_M)
+
+
+def _wait_s(
+    text: str, guidance: Guidance, memory: CueMemory, route: Route | None, settings: Settings, now_s: float
+) -> float:
+    """Return how long a sentence must wait to neither cut off another nor make the next place or turn be told too late.
+
+    Zero where it may begin now.
+    """
+    wait_s = memory.bus.until_s - now_s if memory.bus.is_speaking(now_s) else 0.0
+    speed_m_s, verbosity = guidance.trace.speed_m_s, settings.cues.verbosity
+    heard_m = speed_m_s * _heard_s(text, settings)
+    turn = _next_turn(guidance, memory, route, settings) if is_said(CueKind.TURN_AHEAD, verbosity) else None
+    due: list[tuple[_PlaceAhead | _TurnAhead, float]] = [(turn, turn.latest_m)] if turn is not None else []
+    due += [
+        (place, place.earliest_m - PLACE_TOLERANCE_M)
+        for place in _places_ahead(guidance, memory, route, settings)
+        if is_said(place.kind, verbosity)
+    ]
+    for each, latest_m in due:
+        # Where nobody moves, nothing comes nearer.
+        if each.ahead_m - heard_m < latest_m <= each.ahead_m:
+            begins_s = max(0.0, each.ahead_m - each.earliest_m) / speed_m_s
+            wait_s = max(wait_s, begins_s + _heard_s(each.text, settings))
+    return wait_s
 
 
 # -------------------------------------------------------------------------------------------------------- turns
@@ -290,10 +331,26 @@ def _reassurance(
         return None, memory
     distance = distance_text(left_m, settings.cues.language)
     text = TEXTS[settings.cues.language]["reassurance"].format(distance=distance)
-    if not _leaves_time(text, guidance, memory, route, settings, now_s):
+    is_near = _comes_onto_a_caution(text, guidance, route, settings)
+    if is_near or _wait_s(text, guidance, memory, route, settings, now_s) > 0.0:
         return None, memory
     cue = Cue(now_s, CueKind.REASSURANCE, PRIORITY[CueKind.REASSURANCE], text, distance_m=left_m)
     return cue, replace(memory, reassured_m=left_m)
+
+
+def _comes_onto_a_caution(text: str, guidance: Guidance, route: Route | None, settings: Settings) -> bool:
+    """Whether, before a sentence were heard out, the walker came to where there is something to know of the edge.
+
+    Beyond a turn that is told only after the turn.
+    """
+    walked_m, corner = _walked_m(guidance, route), guidance.trace.corner
+    heard_m = guidance.trace.speed_m_s * _heard_s(text, settings)
+    straight_m = heard_m if corner is None else min(heard_m, corner.distance_m - corner.turn_m)
+    return route is not None and any(
+        walked_m <= piece.start_m <= walked_m + straight_m
+        and (piece.caution_side != "none" or is_narrow(piece.width_m, settings.obstacle))
+        for piece in route.pieces
+    )
 
 
 def _deviation(
@@ -347,11 +404,11 @@ def _has_time(memory: CueMemory, now_s: float) -> bool:
 
 
 _STAGES = {
+    CueKind.CAUTION_SIDE: _caution,
+    CueKind.NARROW_PASSAGE: _narrow,
     CueKind.HAZARD_AHEAD: _hazard,
     CueKind.TURN_AHEAD: _turn_ahead,
     CueKind.POI_AHEAD: _poi,
-    CueKind.CAUTION_SIDE: _caution,
-    CueKind.NARROW_PASSAGE: _narrow,
     CueKind.REASSURANCE: _reassurance,
     CueKind.DEVIATION: _deviation,
     CueKind.EXPLANATION: _explanation,

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from navcore.cues.announcements import (
+    BEGINS_M,
+    BEGINS_SHARE,
     LEAST_SHARE,
     MOST_SHARE,
     NARROW_MARGIN_M,
@@ -109,9 +111,14 @@ def _distances() -> list[str]:
         f"  `obstacle.person_width_m` + {NARROW_MARGIN_M:g} m wide) are said once, at every verbosity, as soon as the"
         " walker has come onto it",
         "  and walks: before that, left and right would be those of another way.",
-        "- Neither these nor a reassurance cut off the announcement of a place or a turn, make a place be told later"
+        "- These wait for the announcement of a place, of stairs or of a turn while they can still begin in the first"
+        f" {BEGINS_SHARE:.0%} of",
+        f"  the edge and its first {BEGINS_M:g} m; then they come first, and late rather than not at all. Only stairs"
+        " of which",
+        "  nobody could be told in time after them come before.",
+        "- A reassurance does not cut off the announcement of a place or a turn, make a place be told later"
         f" than {announce_m - PLACE_TOLERANCE_M:g} m",
-        "  before it, or a turn not at all.",
+        "  before it, or a turn not at all, and does not begin right before an edge of which something is to be said.",
         "",
     ]
 

@@ -20,6 +20,7 @@ from navcore.map_check.passages import (
 from navcore.map_check.reachability import unreachable_places
 from navcore.map_check.rehearsals import (
     announcements_out_of_place,
+    cautions_not_said,
     long_silences,
     not_rehearsed,
     rehearsals_without_arrival,
@@ -44,6 +45,7 @@ CHECKS: tuple[Check, ...] = (
     unspeakable_names,
     weak_localization,
     announcements_out_of_place,
+    cautions_not_said,
     long_silences,
     rehearsals_without_arrival,
     not_rehearsed,

@@ -48,6 +48,8 @@ class Announced(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Way from there to what it announces."""
     x_m: float
     y_m: float
+    edge_id: str = ""
+    """The edge on which the walker was."""
 
 
 class RehearsedRoute(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -61,6 +63,8 @@ class RehearsedRoute(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """Where it ends."""
     announced: tuple[Announced, ...]
     """In the order of ``at_m``."""
+    edge_ids: tuple[str, ...] = ()
+    """The edges that it leads along."""
 
 
 @dataclass(frozen=True, eq=False)

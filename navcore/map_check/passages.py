@@ -57,7 +57,8 @@ def unknown_passages(evidence: MapEvidence) -> Iterator[Finding]:
             is_trodden = bool((room.width_m[stretch] >= TRODDEN_M).all())
             what = "leads where little floor has been seen" if is_trodden else "leads where no floor has been seen"
             action = "Record a walk there that shows the floor, or look for yourself."
-            severity: Severity = "note" if is_trodden else "warning"
+            # Unknown is never clear: where nobody has walked either, a person must say that there is a floor.
+            severity: Severity = "note" if is_trodden else "error"
             yield _finding("unknown_passage", severity, edge, evidence, room, middle, what, action)
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from itertools import pairwise
 
+from navcore.cues.announcements import is_narrow
 from navcore.cues.table import CueKind
 from navcore.map_check.evidence import MapEvidence, RehearsedRoute, edge_name, middle_of
 from navcore.map_check.finding import Finding
+from navcore.planning.poi_graph import Edge
 
 TOLERANCE_M = 1.0
 """Places are announced 6 ± 1 m ahead (Wayfindr Open Standard). A reassurance too waits for the end of a turn."""
@@ -35,6 +37,35 @@ def announcements_out_of_place(evidence: MapEvidence) -> Iterator[Finding]:
             action = "Shorten its spoken name, or see whether a turn or another place is too near before it."
             ids = (said.poi_id,) if said.poi_id in pois else ()
             yield Finding("announcement_distance", "warning", text, action, said.x_m, said.y_m, ids)
+
+
+def cautions_not_said(evidence: MapEvidence) -> Iterator[Finding]:
+    """Find edges on which a walker would not hear what is to be known of them, once for each edge."""
+    found: set[tuple[str, CueKind]] = set()
+    for route in evidence.routes:
+        said = {(each.edge_id, each.kind) for each in route.announced}
+        for edge in (evidence.graph.edges[key] for key in route.edge_ids if key in evidence.graph.edges):
+            for kind in _to_be_said(edge, evidence):
+                if (edge.id, kind.value) in said or (edge.id, kind) in found:
+                    continue
+                found.add((edge.id, kind))
+                what = "its caution" if kind is CueKind.CAUTION_SIDE else "that it is narrow"
+                text = (
+                    f"{edge_name(edge, evidence.graph)} asks for care, and on the way {_way(evidence, route)} nobody"
+                    f" hears {what}: there is no time to say it."
+                )
+                action = "Move the places there apart, or give the edge before it the same caution."
+                ends = tuple(key for key in (edge.a, edge.b) if key in evidence.graph.pois)
+                yield Finding(
+                    "caution_not_said", "error", text, action, *middle_of(edge, evidence.graph), ends, (edge.id,)
+                )
+
+
+def _to_be_said(edge: Edge, evidence: MapEvidence) -> Iterator[CueKind]:
+    if edge.caution_side != "none":
+        yield CueKind.CAUTION_SIDE
+    if is_narrow(edge.width_m, evidence.settings.obstacle):
+        yield CueKind.NARROW_PASSAGE
 
 
 def long_silences(evidence: MapEvidence) -> Iterator[Finding]:

@@ -2,8 +2,10 @@
 
 A camera at eye height sees nothing low that is nearer than about 1.8 m, and a walker who turns loses sight of what is
 beside them. So what a scan has found is kept for a while, in the map, with its height. It is forgotten where the image
-would show it and does not (somebody has walked on), and in the course of time. What is remembered only ever closes a
-direction: nothing becomes free by being forgotten that the present image does not show to be free.
+would show it and does not (somebody has walked on), and in the course of time. Time does not count against something
+low that stands where the image cannot show it: that is in the way until it was looked at, or is far away. What is
+remembered only ever closes a direction: nothing becomes free by being forgotten that the present image does not show
+to be free.
 
 What the rangefinder alone has heard (glass) is remembered apart (:func:`remember_heard`), for no image shows that it
 has gone: somebody who has turned away from a pane would be sent back into it, since their camera sees a free way.
@@ -31,9 +33,12 @@ _LOW_M = 0.9
 """What is lower than this can vanish below the image while one walks up to it; it does not walk away."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
 _LOW_FORGOTTEN_AFTER_S = 120.0
-"""Who stands before something low cannot see whether it is still there, however long they stand."""
+"""Counted while the image shows the place. Who stands before something low cannot see whether it is still there,
+however long they stand: it is in the way until they have stepped back and looked."""
 _STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
+_SAME_THING_CELLS = 2
+"""So near to a place where something low stands, what was seen at all is taken for its edge."""
 _SEEN_TWICE = 2
 """Frames in which something must have been seen before it counts without being seen: noise is nowhere twice."""
 _GONE_MARGIN_M = 0.3
@@ -61,7 +66,7 @@ class ObstacleMemory:
     top_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Height (k,); 0 for a drop, inf for what was only heard."""
     seen_s: FloatArray = field(default_factory=lambda: np.zeros(0))
-    """When (k,) it was last seen."""
+    """When (k,) it was last seen, or it could not be seen whether it was there."""
     seen_count: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
 
     @property
@@ -83,7 +88,7 @@ class ObstacleMemory:
 
 def remember(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> ObstacleMemory:
     """Return what is remembered after a scan at a pose: the old that may still be there, and the new."""
-    memory = memory.kept(_may_be_there(memory, scan, pose, now_s))
+    memory = _may_be_there(memory, scan, pose, now_s)
     near = np.isfinite(scan.nearest_m) & (scan.nearest_m < _KEPT_WITHIN_M)
     points = placed(pose, scan.bearing_rad[near], scan.nearest_m[near])
     fresh = ObstacleMemory(
@@ -179,23 +184,46 @@ def _state_of(top_m: float) -> BearingState:
     return BearingState.OBSTACLE if top_m > 0.0 else BearingState.DROP
 
 
-def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> NDArray[np.bool_]:
-    """Return which places (k,) are neither too old, nor too far away, nor seen to be empty now."""
+def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> ObstacleMemory:
+    """Return what is neither too old, nor too far away, nor seen to be gone now.
+
+    What is low and stands there does not grow old where the image cannot show it: that time has passed says nothing.
+    """
     bearing_rad, range_m = seen_from(pose, memory.places_m)
-    stays = (memory.top_m < _LOW_M) | (memory.seen_count >= _STANDS_COUNT)
-    patience_s = np.where(stays, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
-    patience_s[(memory.top_m < _LOW_M) & (memory.seen_count >= _STANDS_COUNT)] = _LOW_FORGOTTEN_AFTER_S
+    shown_m = _shown_m(scan, bearing_rad, range_m, memory.top_m)
+    low, stands = memory.top_m < _LOW_M, memory.seen_count >= _STANDS_COUNT
+    stands |= _is_part(memory, low, stands)
+    # What is unknown now (NaN) neither shows that anything has gone, nor that it is there.
+    gone, is_shown = shown_m > range_m + _GONE_MARGIN_M, shown_m > range_m - _GONE_MARGIN_M
+    memory = replace(memory, seen_s=np.where(low & stands & ~is_shown, now_s, memory.seen_s))
+    patience_s = np.where(low | stands, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
+    patience_s[low & stands] = _LOW_FORGOTTEN_AFTER_S
     young = np.abs(now_s - memory.seen_s) <= patience_s
+    return memory.kept(young & (range_m < _KEPT_WITHIN_M) & ~gone)
+
+
+def _is_part(memory: ObstacleMemory, low: NDArray[np.bool_], stands: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which places (k,) belong to something low that stands there: its edges are seen less often than it is."""
+    part = np.zeros(len(low), np.bool_)
+    edges = low & ~stands & (memory.seen_count >= _SEEN_TWICE)
+    away = np.abs(memory.cell.T[:, edges, None] - memory.cell.T[:, None, low & stands])
+    part[edges] = (away <= _SAME_THING_CELLS).all(axis=0).any(axis=1)
+    return part
+
+
+def _shown_m(scan: ObstacleScan, bearing_rad: FloatArray, range_m: FloatArray, top_m: FloatArray) -> FloatArray:
+    """Return how far (k,) the image shows what is as high as something remembered, in its bearing.
+
+    NaN where it lies beside the image or below it, or the bearing is unknown.
+    """
     index = bearing_index(scan, bearing_rad)
-    inside = index >= 0
-    at = np.maximum(index, 0)
-    if not len(scan.bearing_rad):
-        return young & (range_m < _KEPT_WITHIN_M)
-    down = (scan.eye_m - memory.top_m) / np.maximum(range_m, 1e-6)
-    shown = inside & (down < _INSIDE_IMAGE * scan.steepest[at])
-    # What is unknown now (NaN) does not show that anything has gone.
-    gone = shown & (scan.nearest_m[at] > range_m + _GONE_MARGIN_M)
-    return np.asarray(young & (range_m < _KEPT_WITHIN_M) & ~gone)
+    shown_m = np.full(len(range_m), np.nan)
+    for_image = np.flatnonzero(index >= 0)
+    at = index[for_image]
+    down = (scan.eye_m - top_m[for_image]) / np.maximum(range_m[for_image], 1e-6)
+    inside = down < _INSIDE_IMAGE * scan.steepest[at]
+    shown_m[for_image[inside]] = scan.nearest_m[at[inside]]
+    return shown_m
 
 
 def bearing_index(scan: ObstacleScan, bearing_rad: FloatArray) -> NDArray[np.intp]:

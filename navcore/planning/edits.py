@@ -10,17 +10,19 @@ import itertools
 import math
 import re
 import unicodedata
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import get_args
 
 import msgspec
 import numpy as np
+from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
 from navcore.planning.neighbours import neighbour_pieces
 from navcore.planning.poi_graph import CAUTION_SIDES, POI_KINDS, CautionSide, Edge, Poi, PoiGraph, PoiKind
 from navcore.planning.projection import path_between, project_on_path
+from navcore.planning.road_joining import SPACING_M, evenly_spaced
 from navcore.planning.road_network import RoadNetwork, RoadPiece
 
 MAX_SNAP_DISTANCE_M = 2.0
@@ -28,6 +30,9 @@ MAX_SNAP_DISTANCE_M = 2.0
 OTHER_SIDE: Mapping[CautionSide, CautionSide] = {"none": "none", "both": "both", "left": "right", "right": "left"}
 """The side of an edge as it is called by whoever walks it the other way."""
 _SAME_PLACE_M = 0.05
+_SAME_CORRIDOR_M = 0.5
+"""Passes nearer to each other than this are one road (:meth:`RoadNetwork.from_roads`)."""
+_BEGINNING_M = 1.0
 _LENGTH_TOLERANCE_M = 1e-6
 
 
@@ -64,6 +69,9 @@ def move_poi(
 ) -> PoiGraph:
     """Move a place; it slides along the road, and its edges are made again along the road.
 
+    Where an edge leads along another corridor then, its width and its side of caution, which belong to the old one,
+    are unknown again: "none" and None. Whether it is closed or one-way stays.
+
     Raises InputError where it is unknown, too far from the road, or an edge of it could not follow.
     """
     poi = _poi(graph, poi_id)
@@ -73,7 +81,7 @@ def move_poi(
         raise InputError(f"{poi.name} has edges along the road and must stay on it: delete its edges first.")
     moved = msgspec.structs.replace(poi, x_m=x_m, y_m=y_m, on_road=on_road)
     pois = {**graph.pois, poi_id: moved}
-    followed = {edge.id: along_road(network, pois, edge) for edge in ends}
+    followed = {edge.id: _followed(network, pois, edge, edge, poi) for edge in ends}
     return _next(graph, pois=pois, edges={**graph.edges, **followed})
 
 
@@ -101,21 +109,27 @@ def rename_poi(graph: PoiGraph, poi_id: str, name: str) -> PoiGraph:
 def merge_pois(graph: PoiGraph, network: RoadNetwork, poi_id: str, other_id: str) -> PoiGraph:
     """Make one place of two: ``other_id`` goes, its edges lead to ``poi_id``, which stays as it is.
 
-    An edge between the two goes as well, and of two edges to the same place the one that ``poi_id`` had stays.
-    Raises InputError where one is unknown, or an edge cannot follow.
+    Edges that follow are treated as where a place is moved. An edge between the two goes as well, and of two edges to
+    the same place the one that ``poi_id`` had stays. Raises InputError where one is unknown, an edge cannot follow,
+    two edges to the same place differ in whether they are closed, in the direction in which they may be walked, or in
+    the side of caution, or the edge that goes has one of these while others would lead along there.
     """
     if _poi(graph, poi_id) is _poi(graph, other_id):
         raise InputError(f"Merging takes two different places, not {graph.pois[poi_id].name} twice.")
+    _refuse_between(graph, poi_id, other_id)
     pois = {key: poi for key, poi in graph.pois.items() if key != other_id}
     edges = {key: edge for key, edge in graph.edges.items() if other_id not in (edge.a, edge.b)}
-    joined = {frozenset((edge.a, edge.b)) for edge in edges.values()}
+    kept = {frozenset((edge.a, edge.b)): edge for edge in edges.values()}
     for edge in graph.edges.values():
         ends = {poi_id if end == other_id else end: None for end in (edge.a, edge.b)}
-        if other_id not in (edge.a, edge.b) or len(ends) < 2 or frozenset(ends) in joined:
+        if other_id not in (edge.a, edge.b) or len(ends) < 2:
             continue
         a, b = ends
-        edges[edge.id] = along_road(network, pois, msgspec.structs.replace(edge, a=a, b=b))
-        joined.add(frozenset(ends))
+        led = msgspec.structs.replace(edge, a=a, b=b)
+        if frozenset(ends) in kept:
+            _refuse_differing(graph, kept[frozenset(ends)], led, (poi_id, other_id))
+        else:
+            edges[edge.id] = _followed(network, pois, edge, led, graph.pois[other_id])
     return _next(graph, pois=pois, edges=edges)
 
 
@@ -284,14 +298,81 @@ def free_poi_id(graph: PoiGraph, name: str) -> str:
 
 def free_edge_id(edges: Mapping[str, Edge]) -> str:
     """Return an identifier that no edge has."""
-    numbers = [int(key[1:]) for key in edges if re.fullmatch(r"e[0-9]{1,9}", key)]
-    return f"e{max(numbers, default=0) + 1}"
+    return free_numbered_id("e", edges)
+
+
+def free_numbered_id(letter: str, taken: Collection[str]) -> str:
+    """Return a letter with the number after the highest one that is taken; longer numbers, of imports, are passed."""
+    numbers = [int(key[1:]) for key in taken if re.fullmatch(rf"{letter}[0-9]{{1,9}}", key)]
+    first = max(numbers, default=0) + 1
+    return next(key for key in (f"{letter}{n}" for n in itertools.count(first)) if key not in taken)
 
 
 def _next(graph: PoiGraph, pois: dict[str, Poi] | None = None, edges: dict[str, Edge] | None = None) -> PoiGraph:
     return PoiGraph(
         graph.version + 1, graph.pois if pois is None else pois, graph.edges if edges is None else edges, graph.roads
     )
+
+
+def _followed(network: RoadNetwork, pois: Mapping[str, Poi], old: Edge, edge: Edge, moved: Poi) -> Edge:
+    """Lay an edge along the road to where one of its places is now, which stood at ``moved`` on the edge ``old``."""
+    laid = along_road(network, pois, edge)
+    if edge.width_m is None and edge.caution_side == "none":
+        return laid
+    is_start = old.a == moved.id
+    new_end = pois[laid.a if is_start else laid.b]
+    from_m, to_m = network.nearest(moved.x_m, moved.y_m), network.nearest(new_end.x_m, new_end.y_m)
+    turn = -1 if is_start else 1
+    try:
+        slide_m = network.shortest_piece(from_m, to_m).path_m
+    except PlanningError:
+        slide_m = None
+    if slide_m is not None and _same_corridor(np.array(old.path_m)[::turn], np.array(laid.path_m)[::turn], slide_m):
+        return laid
+    return msgspec.structs.replace(laid, width_m=None, caution_side="none")
+
+
+def _same_corridor(old_m: FloatArray, new_m: FloatArray, slide_m: FloatArray) -> bool:
+    """Whether a way (n, 2) begins along an old one from the same place, and leaves it only by where its end slid."""
+    first_m = min(_BEGINNING_M, _length_m(old_m), _length_m(new_m))
+    start = path_between(new_m, 0.0, first_m)[-1]
+    if project_on_path(old_m, *start.tolist()).distance_m > first_m / 2:
+        return False
+    known_m = np.vstack([evenly_spaced(old_m, SPACING_M), evenly_spaced(slide_m, SPACING_M)])
+    far_m, _ = cKDTree(known_m).query(evenly_spaced(new_m, SPACING_M))
+    return bool(np.max(far_m) < _SAME_CORRIDOR_M)
+
+
+def _refuse_between(graph: PoiGraph, poi_id: str, other_id: str) -> None:
+    between = edge_between(graph, poi_id, other_id)
+    if between is None or not (between.closed or between.one_way or between.caution_side != "none"):
+        return
+    if any(other_id in (edge.a, edge.b) for edge in graph.edges.values() if edge is not between):
+        first, other = graph.pois[poi_id].name, graph.pois[other_id].name
+        raise InputError(
+            f"The connection of {first} and {other} is closed, one-way or has a side of caution, and those of {other}"
+            " would lead along there without it: set these alike first, and then delete that connection."
+        )
+
+
+def _refuse_differing(graph: PoiGraph, kept: Edge, going: Edge, merged: tuple[str, str]) -> None:
+    alike = going if going.a == kept.a else _turned(going)
+    differing = [
+        what
+        for what, is_other in (
+            ("being closed", kept.closed != going.closed),
+            ("the direction", kept.one_way != going.one_way or (kept.one_way and going.a != kept.a)),
+            ("the side of caution", kept.caution_side != alike.caution_side),
+        )
+        if is_other
+    ]
+    if differing:
+        third = kept.b if kept.a == merged[0] else kept.a
+        first, other, joined = (graph.pois[key].name for key in (*merged, third))
+        raise InputError(
+            f"{first} and {other} are both joined to {joined}, and these connections differ in"
+            f" {' and '.join(differing)}: make them alike, or delete one of them first."
+        )
 
 
 def _turned(edge: Edge) -> Edge:

@@ -124,9 +124,7 @@ def _propose(
 
 
 def _lies_on(path_m: FloatArray, network: RoadNetwork) -> bool:
-    if network.is_empty:
-        return False
-    return all(network.nearest(float(x), float(y)).distance_m < SAME_ROAD_M for x, y in path_m)
+    return bool((network.distances_m(path_m) < SAME_ROAD_M).all())
 
 
 def _inheriting(part: Edge, divided: list[Edge]) -> Edge:

@@ -1,25 +1,28 @@
 """Edits of the road itself: each takes a graph with its roads and gives a new one, one version on, or raises.
 
-PoIs and edges are put back on the road as it is then. An edit that would take the road from under one of them is
-refused, naming it: nothing is lost silently.
+PoIs and edges are put back on the road as it is then, edges along the same way. An edit that would take the road from
+under one of them is refused, naming it: nothing is lost silently. What no road carried before is left as it is.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import msgspec
 import numpy as np
+from scipy.spatial import cKDTree
 
 from navcore.errors import InputError
 from navcore.geometry import FloatArray
-from navcore.planning.edits import along_road
+from navcore.planning.edits import along_road, edge_of_piece, free_numbered_id
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road, RoadOrigin
 from navcore.planning.projection import arc_lengths_m, path_between, project_on_path
-from navcore.planning.road_network import RoadNetwork
+from navcore.planning.road_joining import SPACING_M, evenly_spaced
+from navcore.planning.road_network import RoadNetwork, RoadPiece
 
 MAX_SLIDE_M = 0.75
 """A place that would have to move farther to stand on the road again has lost it (as where a map grows)."""
@@ -28,9 +31,12 @@ MAX_JOIN_M = 2.0
 MEET_M = 0.5
 """The end of a drawn line that is nearer than this to a road begins on it: passes so near are one road."""
 MAX_POINTS_COUNT = 5000
-MIN_LENGTH_M = 0.3
+MIN_LENGTH_M, MAX_LENGTH_M = 0.3, 2000.0
+MAX_ROADS_LENGTH_M = 40_000.0
+"""All roads of a graph together: each edit walks through them to find where they join."""
+MAX_SPAN_M2 = 600_000.0
+"""The rectangle round all roads: in a larger one the cells in which roads are joined grow beyond 0.1 m."""
 _SAME_ROAD_M = 0.05
-_LONGER_SHARE, _LONGER_M = 1.5, 1.0
 _SMOOTHING_STEP_M = 0.1
 
 Point = tuple[float, float]
@@ -45,7 +51,15 @@ def recorded_roads(roads_m: Sequence[FloatArray]) -> dict[str, Road]:
 
 def network_of(roads: Mapping[str, Road]) -> RoadNetwork:
     """Return the network that the roads of a graph make."""
-    return RoadNetwork.from_roads([np.array(road.points_m) for road in roads.values()])
+    return _network_of(tuple(roads.values()))
+
+
+# The roads before an edit, those after it, and one more that somebody else looks at.
+@lru_cache(maxsize=3)
+def _network_of(roads: tuple[Road, ...]) -> RoadNetwork:
+    recorded = [np.array(road.points_m) for road in roads if road.origin == "recorded"]
+    drawn = [np.array(road.points_m) for road in roads if road.origin == "drawn"]
+    return RoadNetwork.from_roads(recorded, drawn_m=drawn)
 
 
 def drawn_lines_m(graph: PoiGraph) -> list[FloatArray]:
@@ -65,38 +79,70 @@ def roads_with_drawn(roads_m: Sequence[FloatArray], drawn_m: Sequence[FloatArray
 
 
 def without_road(graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]) -> str | None:
-    """Return the name of the first of these that no road carries (any more); None where all lie on one."""
-    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
-    for poi in pois:
-        if poi.on_road and not _carries(network, [(poi.x_m, poi.y_m)]):
-            return poi.name
-    for edge in (graph.edges[key] for key in edge_ids if key in graph.edges):
-        if not _carries(network, edge.path_m):
-            return f"{graph.pois[edge.a].name} – {graph.pois[edge.b].name}"
+    """Return the name of the first of these that no road carries; None where all lie on one."""
+    return next((_name(graph, thing) for thing in _off_road(graph, network, poi_ids, edge_ids)), None)
+
+
+def newly_without_road(
+    before: PoiGraph,
+    after: PoiGraph,
+    before_network: RoadNetwork,
+    after_network: RoadNetwork,
+    poi_ids: Iterable[str],
+    edge_ids: Iterable[str],
+) -> str | None:
+    """Return the name of the first of these that a change leaves, or brings back, without a road.
+
+    What no road carried ``before`` either is nothing that the change does. None where there is nothing else.
+    """
+    for thing in _off_road(after, after_network, poi_ids, edge_ids):
+        was = before.pois.get(thing.id) if isinstance(thing, Poi) else before.edges.get(thing.id)
+        if was is None or _is_carried(before_network, was):
+            return _name(after, thing)
     return None
 
 
+def _off_road(
+    graph: PoiGraph, network: RoadNetwork, poi_ids: Iterable[str], edge_ids: Iterable[str]
+) -> Iterator[Poi | Edge]:
+    pois = (graph.pois[key] for key in poi_ids if key in graph.pois)
+    edges = (graph.edges[key] for key in edge_ids if key in graph.edges)
+    things: Iterator[Poi | Edge] = itertools.chain(pois, edges)
+    return (thing for thing in things if not _is_carried(network, thing))
+
+
+def _is_carried(network: RoadNetwork, thing: Poi | Edge) -> bool:
+    """Whether a thing lies on the road, or need not: a place that stands free."""
+    if isinstance(thing, Edge):
+        return _carries(network, thing.path_m)
+    return not thing.on_road or _carries(network, [(thing.x_m, thing.y_m)])
+
+
+def _name(graph: PoiGraph, thing: Poi | Edge) -> str:
+    return thing.name if isinstance(thing, Poi) else f"{graph.pois[thing.a].name} – {graph.pois[thing.b].name}"
+
+
 def _carries(network: RoadNetwork, points_m: Sequence[Point]) -> bool:
-    return not network.is_empty and all(network.nearest(x, y).distance_m < _SAME_ROAD_M for x, y in points_m)
+    return bool((network.distances_m(np.array(points_m)) < _SAME_ROAD_M).all())
 
 
 # ---------------------------------------------------------------------------------------------------------- edits
 def draw_road(graph: PoiGraph, points_m: Sequence[Point]) -> PoiGraph:
     """Draw a line where nobody walked; where an end of it lies near a road, it begins there.
 
-    Raises InputError for a line that is too short, or is no line.
+    Raises InputError for a line that is too short or too long, or is no line.
     """
     return draw_roads(graph, [points_m])
 
 
 def draw_roads(graph: PoiGraph, lines_m: Sequence[Sequence[Point]]) -> PoiGraph:
     """Draw several lines as one edit: what is on the road is put back on it once. Raises InputError."""
+    lines = [checked_line(points_m) for points_m in lines_m]
     network = network_of(graph.roads)
     roads = dict(graph.roads)
-    for points_m in lines_m:
-        line = checked_line(points_m)
+    for line in lines:
         if not network.is_empty:
-            line = checked_line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
+            line = _line((_met(network, line[0]), *line[1:-1], _met(network, line[-1])))
         road_id = _free_road_id(roads)
         roads[road_id] = Road(road_id, line, "drawn")
     return _with_roads(graph, roads)
@@ -171,39 +217,90 @@ def _with_road(graph: PoiGraph, road: Road, path_m: FloatArray) -> PoiGraph:
     return _with_roads(graph, {**graph.roads, road.id: _as_road(road.id, path_m, road.origin)})
 
 
+@dataclass(frozen=True, eq=False)
+class _Change:
+    """The road before an edit of it and after."""
+
+    before: Mapping[str, Road]
+    network: RoadNetwork
+
+    @cached_property
+    def known(self) -> RoadNetwork:
+        """The road before: made only where something does not lie on the road after."""
+        return network_of(self.before)
+
+
 def _with_roads(graph: PoiGraph, roads: dict[str, Road]) -> PoiGraph:
-    network = network_of(roads)
-    pois = {key: _put_back(poi, network) for key, poi in graph.pois.items()}
-    edges = {key: _laid_again(edge, graph, pois, network) for key, edge in graph.edges.items()}
+    _refuse_too_long(roads, graph.roads)
+    refuse_too_wide(roads, graph.roads)
+    change = _Change(graph.roads, network_of(roads))
+    pois = {key: _put_back(poi, change) for key, poi in graph.pois.items()}
+    edges = {key: _laid_again(edge, graph, pois, change) for key, edge in graph.edges.items()}
     return PoiGraph(graph.version + 1, pois, edges, roads)
 
 
-def _put_back(poi: Poi, network: RoadNetwork) -> Poi:
+def _refuse_too_long(roads: Mapping[str, Road], before: Mapping[str, Road]) -> None:
+    total_m = roads_length_m(roads.values())
+    if total_m > max(MAX_ROADS_LENGTH_M, roads_length_m(before.values())):
+        raise InputError(
+            f"All roads together would be {total_m / 1000:.1f} km long, and {MAX_ROADS_LENGTH_M / 1000:g} km are taken:"
+            " delete or trim roads that nobody walks."
+        )
+
+
+def refuse_too_wide(roads: Mapping[str, Road], before: Mapping[str, Road]) -> None:
+    """Raise InputError where roads lie so far apart that they are no one site, and did not ``before``."""
+    width_m, height_m = _span_m(roads)
+    if width_m * height_m > max(MAX_SPAN_M2, math.prod(_span_m(before))):
+        raise InputError(
+            f"The roads would lie on {width_m:.0f} by {height_m:.0f} m, and {MAX_SPAN_M2 / 10_000:g} hectares are"
+            " taken: keep to what lies near the other roads, and make a site of its own of what lies far away."
+        )
+
+
+def _span_m(roads: Mapping[str, Road]) -> Point:
+    """Sides of the rectangle round all roads, and the margin that joining them takes."""
+    points = [point for road in roads.values() for point in road.points_m]
+    if not points:
+        return 0.0, 0.0
+    xs, ys = zip(*points, strict=True)
+    return max(xs) - min(xs) + 1.0, max(ys) - min(ys) + 1.0
+
+
+def _put_back(poi: Poi, change: _Change) -> Poi:
     if not poi.on_road:
         return poi
-    place = None if network.is_empty else network.nearest(poi.x_m, poi.y_m)
+    place = None if change.network.is_empty else change.network.nearest(poi.x_m, poi.y_m)
+    if (place is None or place.distance_m > _SAME_ROAD_M) and not _is_carried(change.known, poi):
+        return poi
     if place is None or place.distance_m > MAX_SLIDE_M:
         raise InputError(f"{poi.name} stands on that piece of road: move or delete it first.")
     return poi if place.distance_m < 1e-9 else msgspec.structs.replace(poi, x_m=place.x_m, y_m=place.y_m)
 
 
-def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], network: RoadNetwork) -> Edge:
+def _laid_again(edge: Edge, graph: PoiGraph, pois: Mapping[str, Poi], change: _Change) -> Edge:
     a, b = pois[edge.a], pois[edge.b]
     stays = (a, b) == (graph.pois[edge.a], graph.pois[edge.b])
-    if stays and _carries(network, edge.path_m):
+    is_carried = _is_carried(change.network, edge)
+    if stays and is_carried:
         return edge
+    old_path = np.array(edge.path_m)
+    if not is_carried and not _is_carried(change.known, edge):
+        return edge if stays else edge_of_piece(edge, pois, RoadPiece(old_path, edge.length_m))
+    refusal = f"{a.name} and {b.name} are joined along that piece of road"
     try:
-        laid = along_road(network, pois, edge)
+        laid = along_road(change.network.near(old_path, MAX_SLIDE_M + SPACING_M), pois, edge)
     except InputError as error:
-        raise InputError(
-            f"{a.name} and {b.name} are joined along that piece of road: delete their connection first."
-        ) from error
-    if laid.length_m > _LONGER_SHARE * edge.length_m + _LONGER_M:
-        raise InputError(
-            f"{a.name} and {b.name} would be joined by another, longer way ({laid.length_m:.1f} m instead of"
-            f" {edge.length_m:.1f} m): delete their connection first."
-        )
+        raise InputError(f"{refusal}, and no other leads along there: delete their connection first.") from error
+    if _farthest_m(old_path, np.array(laid.path_m)) > MAX_SLIDE_M:
+        raise InputError(f"{refusal}, and would be joined by another way: delete their connection first.")
     return laid
+
+
+def _farthest_m(path_m: FloatArray, other_m: FloatArray) -> float:
+    """How far a polyline (n, 2) goes from another."""
+    near, _ = cKDTree(evenly_spaced(other_m, SPACING_M)).query(evenly_spaced(path_m, SPACING_M))
+    return float(np.max(near))
 
 
 def _road(graph: PoiGraph, road_id: str) -> Road:
@@ -213,24 +310,45 @@ def _road(graph: PoiGraph, road_id: str) -> Road:
 
 
 def _free_road_id(roads: Mapping[str, Road]) -> str:
-    numbers = [int(key[1:]) for key in roads if re.fullmatch(r"r[0-9]{1,9}", key)]
-    return f"r{max(numbers, default=0) + 1}"
+    return free_numbered_id("r", roads)
 
 
 def _as_road(road_id: str, path_m: FloatArray, origin: RoadOrigin) -> Road:
-    return Road(road_id, checked_line([(float(x), float(y)) for x, y in path_m]), origin)
+    return Road(road_id, _line([(float(x), float(y)) for x, y in path_m]), origin)
 
 
 def checked_line(points_m: Sequence[Point]) -> tuple[Point, ...]:
-    """Return points as a road has them. Raises InputError where they are too many, too few, or nowhere."""
+    """Return points that somebody draws as a road has them.
+
+    Raises InputError where they are too many, too few or nowhere, or the line is too long.
+    """
     if len(points_m) > MAX_POINTS_COUNT:
         raise InputError(f"A road may have {MAX_POINTS_COUNT} points, not {len(points_m)}: draw it in pieces.")
     if not all(math.isfinite(part) and abs(part) <= 100_000.0 for point in points_m for part in point):
         raise InputError("A road needs points in metres, within 100 km of the origin.")
+    length_m = _length_m(points_m)
+    if length_m > MAX_LENGTH_M:
+        raise InputError(
+            f"A line of {length_m / 1000:.1f} km is too long for a road: draw it in pieces of {MAX_LENGTH_M / 1000:g}"
+            " km at most."
+        )
+    return _line(points_m)
+
+
+def roads_length_m(roads: Iterable[Road]) -> float:
+    """Return the length of all these roads together."""
+    return sum(_length_m(road.points_m) for road in roads)
+
+
+def _line(points_m: Sequence[Point]) -> tuple[Point, ...]:
     line = _distinct(points_m)
-    if len(line) < 2 or sum(itertools.starmap(math.dist, itertools.pairwise(line))) < MIN_LENGTH_M:
+    if len(line) < 2 or _length_m(line) < MIN_LENGTH_M:
         raise InputError(f"A road must be at least {MIN_LENGTH_M:g} m long: draw a longer line.")
     return line
+
+
+def _length_m(points_m: Sequence[Point]) -> float:
+    return sum(itertools.starmap(math.dist, itertools.pairwise(points_m)))
 
 
 def _distinct(points_m: Sequence[Point]) -> tuple[Point, ...]:

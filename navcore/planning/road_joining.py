@@ -10,6 +10,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -44,7 +45,8 @@ def joined_centre_lines(walks_m: Sequence[FloatArray], merge_distance_m: float) 
     margin_m = 2 * merge_distance_m + 4 * CELL_M
     # A road network of a whole campus still fits: the cells grow where the area is very large.
     cell_m = max(CELL_M, math.sqrt(float(np.prod(high - low + 2 * margin_m)) / _MAX_CELLS))
-    origin = low - margin_m
+    # On the grid of the map itself: a road that is made longer or shorter at one end stays where it is elsewhere.
+    origin = np.floor((low - margin_m) / cell_m) * cell_m
     shape = tuple(int(n) for n in np.ceil((high - origin + margin_m) / cell_m).astype(int))
     band = _painted_band(walks_m, origin, cell_m, (shape[1], shape[0]), merge_distance_m)
     chains = _without_spurs(_chains(_thinned(band)), merge_distance_m / cell_m)
@@ -70,9 +72,9 @@ def _without_slivers(band: Mask, radius_px: float) -> Mask:
     if outside <= 2:
         return band
     depth_px = cv2.distanceTransform((1 - band).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
-    deepest = np.zeros(outside, dtype=np.float32)
-    np.maximum.at(deepest, np.asarray(labels, dtype=np.int64).ravel(), np.asarray(depth_px).ravel())
-    filled: Mask = (band.astype(bool) | (deepest[labels] <= radius_px)).astype(np.uint8)
+    is_deep = np.zeros(outside, dtype=bool)
+    is_deep[labels[depth_px > radius_px]] = True
+    filled: Mask = (band.astype(bool) | ~is_deep[labels]).astype(np.uint8)
     return filled
 
 
@@ -153,51 +155,62 @@ def _follow(
     return chain
 
 
+class _Line(NamedTuple):
+    """A chain with its length: on a large site each is asked for in every round of dropping a spur."""
+
+    chain: list[Pixel]
+    length_px: float
+
+
 def _without_spurs(chains: list[list[Pixel]], max_length_px: float) -> list[list[Pixel]]:
     """Drop dead ends that are shorter than the brush is wide, and join what then passes straight through a node."""
+    lines = [_Line(chain, sum(math.dist(a, b) for a, b in itertools.pairwise(chain))) for chain in chains]
     while True:
-        chains = _merged_through(chains)
-        ends = _end_counts(chains)
+        lines = _merged_through(lines)
+        ends = _end_counts(lines)
         spurs = [
-            chain
-            for chain in chains
-            if _length_px(chain) <= max_length_px
-            and chain[0] != chain[-1]
+            line
+            for line in lines
+            if line.length_px <= max_length_px
+            and line.chain[0] != line.chain[-1]
             # A short line that stands alone is a short road, not a spur of another.
-            and (ends[chain[0]] == 1) != (ends[chain[-1]] == 1)
+            and (ends[line.chain[0]] == 1) != (ends[line.chain[-1]] == 1)
         ]
         if not spurs:
-            return chains
+            return [line.chain for line in lines]
         # One at a time: the second leg of a fork at a road's end is the road once the first is gone.
-        shortest = min(spurs, key=lambda chain: (_length_px(chain), chain[0], chain[-1]))
-        chains = [chain for chain in chains if chain is not shortest]
+        shortest = min(spurs, key=lambda line: (line.length_px, line.chain[0], line.chain[-1]))
+        lines = [line for line in lines if line is not shortest]
 
 
-def _merged_through(chains: list[list[Pixel]]) -> list[list[Pixel]]:
-    at: dict[Pixel, list[int]] = {}
-    for index, chain in enumerate(chains):
-        at.setdefault(chain[0], []).append(index)
-        at.setdefault(chain[-1], []).append(index)
+def _merged_through(lines: list[_Line]) -> list[_Line]:
+    while (pair := _meeting_alone(lines)) is not None:
+        node, first, second = pair
+        head = first.chain if first.chain[-1] == node else first.chain[::-1]
+        tail = second.chain if second.chain[0] == node else second.chain[::-1]
+        rest = [line for line in lines if line is not first and line is not second]
+        lines = [*rest, _Line(head + tail[1:], first.length_px + second.length_px)]
+    return lines
+
+
+def _meeting_alone(lines: list[_Line]) -> tuple[Pixel, _Line, _Line] | None:
+    """The first node at which two lines meet, and no other."""
+    at: dict[Pixel, list[_Line]] = {}
+    for line in lines:
+        at.setdefault(line.chain[0], []).append(line)
+        at.setdefault(line.chain[-1], []).append(line)
     for node, touching in at.items():
-        if len(touching) == 2 and touching[0] != touching[1]:
-            first, second = chains[touching[0]], chains[touching[1]]
-            first = first if first[-1] == node else first[::-1]
-            second = second if second[0] == node else second[::-1]
-            rest = [chain for index, chain in enumerate(chains) if index not in touching]
-            return _merged_through([*rest, first + second[1:]])
-    return chains
+        if len(touching) == 2 and touching[0] is not touching[1]:
+            return node, touching[0], touching[1]
+    return None
 
 
-def _end_counts(chains: list[list[Pixel]]) -> dict[Pixel, int]:
+def _end_counts(lines: list[_Line]) -> dict[Pixel, int]:
     counts: dict[Pixel, int] = {}
-    for chain in chains:
-        for end in (chain[0], chain[-1]):
+    for line in lines:
+        for end in (line.chain[0], line.chain[-1]):
             counts[end] = counts.get(end, 0) + 1
     return counts
-
-
-def _length_px(chain: list[Pixel]) -> float:
-    return sum(math.dist(a, b) for a, b in itertools.pairwise(chain))
 
 
 def _smooth_line(points_m: FloatArray, closed: bool) -> FloatArray:

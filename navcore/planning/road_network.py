@@ -10,7 +10,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,8 @@ from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
-from navcore.planning.road_joining import SPACING_M, joined_centre_lines
+from navcore.planning.drawn_lines import with_drawn
+from navcore.planning.road_joining import SPACING_M, evenly_spaced, joined_centre_lines
 
 _NEAR_M = 2.0
 IndexArray = NDArray[np.int64]
@@ -64,19 +65,23 @@ class RoadNetwork:
     """The same as polylines (k, 2) from junction or end to junction or end, for drawing."""
 
     @staticmethod
-    def from_roads(roads_m: Sequence[FloatArray], merge_distance_m: float = 0.5) -> RoadNetwork:
-        """Make the network of recorded walks.
+    def from_roads(
+        roads_m: Sequence[FloatArray], merge_distance_m: float = 0.5, *, drawn_m: Sequence[FloatArray] = ()
+    ) -> RoadNetwork:
+        """Make the network of recorded walks, and of lines that somebody has drawn beside them.
 
         Args:
             roads_m: polylines (n, 2) or (n, 3), metres; of three coordinates the height is left out.
             merge_distance_m: passes nearer to each other than this are the same road.
+            drawn_m: polylines of the same form; they meet the recorded road, and never move it.
 
         Raises InputError where a polyline is of another form or holds a number that is not finite.
         """
         if not 0.05 <= merge_distance_m <= 5.0:
             raise InputError(f"Roads cannot be merged over {merge_distance_m:g} m: choose between 0.05 and 5 m.")
-        walks = [_checked_walk(road) for road in roads_m]
-        return RoadNetwork._from_lines(joined_centre_lines([w for w in walks if len(w) > 1], merge_distance_m))
+        walks, drawn = ([_checked_walk(road) for road in roads] for roads in (roads_m, drawn_m))
+        lines = joined_centre_lines([walk for walk in walks if len(walk) > 1], merge_distance_m)
+        return RoadNetwork._from_lines(with_drawn(lines, [line for line in drawn if len(line) > 1], merge_distance_m))
 
     @staticmethod
     def _from_lines(lines: Sequence[FloatArray]) -> RoadNetwork:
@@ -136,6 +141,33 @@ class RoadNetwork:
         x, y = float(points[best, 0]), float(points[best, 1])
         return RoadPoint(x, y, int(candidates[best]), float(fraction[best]), math.hypot(x - x_m, y - y_m))
 
+    def distances_m(self, points_m: FloatArray) -> FloatArray:
+        """Return how far from the road each of some places (n, 2) lies (n,); inf where there is no road."""
+        if self.is_empty or len(points_m) == 0:
+            return np.full(len(points_m), np.inf)
+        middle_distances_m, _ = self._middles.query(points_m)
+        # The nearest segment cannot have its middle farther than this.
+        reach_m = middle_distances_m + self._longest_segment_m / 2 + 1e-9
+        near = cast("list[list[int]]", self._middles.query_ball_point(points_m, reach_m))
+        counts = np.fromiter(map(len, near), dtype=np.int64, count=len(near))
+        candidates = np.fromiter(itertools.chain.from_iterable(near), dtype=np.int64, count=int(counts.sum()))
+        places = np.repeat(points_m, counts, axis=0)
+        start, along = self.vertices_m[self.segments[candidates, 0]], self._steps_m[candidates]
+        fraction = np.clip(((places - start) * along).sum(axis=1) / (along * along).sum(axis=1), 0.0, 1.0)
+        distances = np.hypot(*(start + fraction[:, None] * along - places).T)
+        nearest: FloatArray = np.minimum.reduceat(distances, np.cumsum(counts) - counts)
+        return nearest
+
+    def near(self, path_m: FloatArray, distance_m: float) -> RoadNetwork:
+        """Return the part of the network that stays within a distance of a polyline (n, 2), without its ``lines``."""
+        if self.is_empty:
+            return self
+        within = np.zeros(len(self.vertices_m), dtype=bool)
+        found = self._tree.query_ball_point(evenly_spaced(path_m, SPACING_M), distance_m)
+        within[list(itertools.chain.from_iterable(cast("list[list[int]]", found)))] = True
+        kept, segments = np.unique(self.segments[within[self.segments].all(axis=1)], return_inverse=True)
+        return RoadNetwork(self.vertices_m[kept], segments.reshape(-1, 2))
+
     def shortest_piece(self, a: RoadPoint, b: RoadPoint) -> RoadPiece:
         """Return the shortest way along the road from a to b. Raises PlanningError where no road joins them."""
         if a.segment == b.segment:
@@ -191,9 +223,14 @@ class RoadNetwork:
 
     @cached_property
     def _segment_lengths_m(self) -> FloatArray:
-        ends = self.vertices_m[self.segments]
-        lengths: FloatArray = np.hypot(*(ends[:, 1] - ends[:, 0]).T)
+        lengths: FloatArray = np.hypot(*self._steps_m.T)
         return lengths
+
+    @cached_property
+    def _steps_m(self) -> FloatArray:
+        """From the first to the second end of each segment (m, 2)."""
+        steps: FloatArray = self.vertices_m[self.segments[:, 1]] - self.vertices_m[self.segments[:, 0]]
+        return steps
 
     @cached_property
     def _longest_segment_m(self) -> float:
@@ -202,6 +239,10 @@ class RoadNetwork:
     @cached_property
     def _tree(self) -> cKDTree:
         return cKDTree(self.vertices_m)
+
+    @cached_property
+    def _middles(self) -> cKDTree:
+        return cKDTree(self.vertices_m[self.segments].mean(axis=1))
 
     @cached_property
     def _segments_at(self) -> list[IndexArray]:

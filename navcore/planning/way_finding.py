@@ -15,7 +15,8 @@ import numpy as np
 from navcore.angles import WorldAngle
 from navcore.errors import PlanningError
 from navcore.geometry import FloatArray
-from navcore.planning.poi_graph import CautionSide, Edge, Poi, PoiGraph
+from navcore.planning.edits import OTHER_SIDE
+from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.planning.projection import EdgeIndex, EdgePoint, arc_lengths_m, direction_at, path_between
 from navcore.planning.road_joining import evenly_spaced
 from navcore.planning.shortest_path import Source, Way, Ways
@@ -104,11 +105,11 @@ class WayFinder:
     def _destination(self, poi_id: str) -> Poi:
         goal = self.graph.pois.get(poi_id)
         if goal is None:
-            raise PlanningError(f"There is no place {poi_id!r} in the PoI-graph: choose another destination.")
+            raise PlanningError(f"There is no place {poi_id!r} in this map: choose another destination.")
         if not goal.on_road:
             raise PlanningError(f"{goal.name} does not stand on the virtual blind road: choose a place that does.")
         if not self._ways.is_joined(poi_id):
-            raise PlanningError(f"No edge leads to {goal.name}: join it with another place in the PoI-graph first.")
+            raise PlanningError(f"No way leads to {goal.name} in this map yet: choose another destination.")
         return goal
 
     def _near(self, x_m: float, y_m: float, beside_too: bool) -> tuple[EdgePoint, ...]:
@@ -117,7 +118,7 @@ class WayFinder:
             raise PlanningError("The present position is not known: wait until the place in the map is found.")
         near = self._index.nearest(x_m, y_m, _BESIDE_M if beside_too else _TIE_M)
         if not near:
-            raise PlanningError("The PoI-graph has no edges: draw or propose them in the console first.")
+            raise PlanningError("This map has no ways yet: whoever looks after it must connect its places first.")
         limit_m = self.settings.max_start_distance_m
         if near[0].point.distance_m > limit_m:
             raise PlanningError(
@@ -227,12 +228,9 @@ def find_route(graph: PoiGraph, x_m: float, y_m: float, poi_id: str, settings: P
     return WayFinder(graph, settings).route_to(poi_id, x_m, y_m)
 
 
-_MIRRORED: dict[CautionSide, CautionSide] = {"none": "none", "left": "right", "right": "left", "both": "both"}
-
-
 def _piece(edge: Edge, begin_m: float, end_m: float, from_m: float, to_m: float) -> RoutePiece:
     """What is on the left on the way from a to b is on the right on the way back."""
-    side = edge.caution_side if from_m <= to_m else _MIRRORED[edge.caution_side]
+    side = edge.caution_side if from_m <= to_m else OTHER_SIDE[edge.caution_side]
     return RoutePiece(edge.id, begin_m, end_m, from_m, to_m, side, edge.width_m)
 
 

@@ -8,6 +8,7 @@ it, where such a way is anybody's shortest. Pure.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +19,15 @@ from navcore.map_check.evidence import Announced, RehearsedRoute
 from navcore.planning.poi_graph import PoiGraph
 from navcore.planning.shortest_path import Source, Ways
 from navcore.planning.way_finding import WayFinder
-from navcore.rehearsal.rehearsing import Rehearsal, rehearse
+from navcore.rehearsal.rehearsing import CancelledError, Rehearsal, rehearse
 from navcore.settings import Settings
 
 LONGEST_M = 3000.0
 """Longest way that is walked in all, by default: some ten seconds of one core."""
+MAX_PLACES = 1000
+"""Ways begin and end at so many places at most: what each way costs is known of all pairs of them (8 MB)."""
+MAX_LEGS = 500
+"""For so many legs at most a way is looked for: a few milliseconds each, a tenth of a second among many places."""
 _LEAD_IN_M = 15.0
 """Whoever has come so far hears of an edge what somebody hears who is under way."""
 _LEAD_OUT_M = 40.0
@@ -43,7 +48,12 @@ class EveryLeg:
 
 
 def all_routes_announced(
-    graph: PoiGraph, settings: Settings | None = None, *, longest_m: float = LONGEST_M
+    graph: PoiGraph,
+    settings: Settings | None = None,
+    *,
+    longest_m: float = LONGEST_M,
+    max_places: int = MAX_PLACES,
+    cancelled: Callable[[], bool] = lambda: False,
 ) -> EveryLeg:
     """Rehearse ways over every edge, in each direction in which it may be walked, up to a length of all together.
 
@@ -51,19 +61,33 @@ def all_routes_announced(
         graph: the PoI-graph.
         settings: all thresholds.
         longest_m: length of all ways together; what is left then is named in the result.
+        max_places: legs between the first so many places are walked; the others are named in the result.
+        cancelled: asked now and then whether to give up.
+
+    Raises CancelledError.
     """
     settings = settings or Settings()
-    legs, network = _legs(graph), _Network.of(graph)
+    legs, network = _legs(graph), _Network.of(graph, max_places, cancelled)
+    sought = [leg for leg in legs if leg.from_id in network.index_of and leg.to_id in network.index_of]
     finder, heard = WayFinder(graph, settings.planning), set[_Leg]()
     rehearsals: dict[_Ends, Rehearsal] = {}
-    for leg in legs:
-        ends = None if leg in heard else network.ends_of_way_over(leg)
+    tried = 0
+    for leg in sought:
+        if leg in heard:
+            continue
+        if tried == MAX_LEGS:
+            break
+        _go_on(cancelled)
+        tried += 1
+        ends = network.ends_of_way_over(leg)
         if ends is None:
             continue
         if ends not in rehearsals:
             if ends.cost_m > longest_m:
                 break
-            rehearsals[ends] = rehearse(graph, ends.start_id, ends.goal_id, settings, finder=finder)
+            rehearsals[ends] = rehearse(
+                graph, ends.start_id, ends.goal_id, settings, finder=finder, cancelled=cancelled
+            )
             longest_m -= rehearsals[ends].length_m
         heard |= _heard_well(graph, rehearsals[ends], leg)
     return EveryLeg(
@@ -80,7 +104,15 @@ def rehearsed_route(rehearsal: Rehearsal, graph: PoiGraph) -> RehearsedRoute:
     """
     goal = graph.pois[rehearsal.destination_poi_id]
     said = tuple(
-        Announced(each.kind.value, each.poi_id or "", each.along_m, each.distance_m or 0.0, each.x_m, each.y_m)
+        Announced(
+            each.kind.value,
+            each.poi_id or "",
+            each.along_m,
+            each.distance_m or 0.0,
+            each.x_m,
+            each.y_m,
+            each.edge_id or "",
+        )
         for each in rehearsal.utterances
         if each.text
     )
@@ -91,6 +123,7 @@ def rehearsed_route(rehearsal: Rehearsal, graph: PoiGraph) -> RehearsedRoute:
         goal.x_m,
         goal.y_m,
         tuple(sorted(said, key=lambda each: each.at_m)),
+        rehearsal.edge_ids if rehearsal.arrived else (),
     )
 
 
@@ -114,7 +147,10 @@ class _Ends:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Network:
-    """What the way from each PoI to each costs (n, n), inf where none leads there; and which can be a goal (n,)."""
+    """What the way from each PoI to each costs (n, n), inf where none leads there; and which can be a goal (n,).
+
+    Of the first PoIs only where there are many; the ways lead over all.
+    """
 
     graph: PoiGraph
     poi_ids: tuple[str, ...]
@@ -123,14 +159,18 @@ class _Network:
     is_goal: NDArray[np.bool_]
 
     @staticmethod
-    def of(graph: PoiGraph) -> _Network:
+    def of(graph: PoiGraph, max_places: int, cancelled: Callable[[], bool]) -> _Network:
         ways = Ways.of(graph)
-        costs_m = np.full((len(ways.poi_ids), len(ways.poi_ids)), math.inf)
-        for row, poi_id in enumerate(ways.poi_ids):
-            found = ways.costs_m([Source(poi_id, 0.0)], ways.usable())
-            costs_m[row, [ways.index_of[goal_id] for goal_id in found]] = list(found.values())
-        is_goal = np.array([poi.on_road for poi in graph.pois.values()], dtype=np.bool_)
-        return _Network(graph, ways.poi_ids, ways.index_of, costs_m, is_goal)
+        poi_ids = ways.poi_ids[:max_places]
+        index_of = {poi_id: row for row, poi_id in enumerate(poi_ids)}
+        costs_m, usable = np.full((len(poi_ids), len(poi_ids)), math.inf), ways.usable()
+        for row, poi_id in enumerate(poi_ids):
+            _go_on(cancelled)
+            found = ways.costs_m([Source(poi_id, 0.0)], usable)
+            known = [goal_id for goal_id in found if goal_id in index_of]
+            costs_m[row, [index_of[goal_id] for goal_id in known]] = [found[goal_id] for goal_id in known]
+        is_goal = np.array([graph.pois[poi_id].on_road for poi_id in poi_ids], dtype=np.bool_)
+        return _Network(graph, poi_ids, index_of, costs_m, is_goal)
 
     def ends_of_way_over(self, leg: _Leg) -> _Ends | None:
         """Return the ends of a shortest way over a leg; None where no shortest way leads over it.
@@ -148,6 +188,11 @@ class _Network:
         cost_m = np.where(worth >= worth.max() - _SAME_COST_M, over_m, math.inf)
         start, goal = np.unravel_index(int(np.argmin(cost_m)), cost_m.shape)
         return _Ends(self.poi_ids[int(start)], self.poi_ids[int(goal)], float(cost_m[start, goal]))
+
+
+def _go_on(cancelled: Callable[[], bool]) -> None:
+    if cancelled():
+        raise CancelledError("The rehearsals were given up.")
 
 
 def _legs(graph: PoiGraph) -> tuple[_Leg, ...]:

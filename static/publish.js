@@ -10,14 +10,17 @@ const SHOWN = 8;
  *  shown is confirmed: where the draft has changed meanwhile, the new one's are shown, and it is asked again. */
 export async function publish() {
   let said = {};
-  for (;;) {
+  for (let again = false; ;) {
     try {
       return await post("/api/publish", said);
     } catch (error) {
       const { findings, version } = error.details;
-      if (!findings) throw error;
-      if (!(await isWanted(findings, version, "version" in said))) return null;
-      said = { confirmed: true, version };
+      const isStale = error.status === 409 && "version" in said;
+      if (!findings && !isStale) throw error;
+      again ||= isStale;
+      if (findings && !(await isWanted(findings, version, again))) return null;
+      // Where the draft has changed under the confirmation, what it is now is checked first, as if nobody had confirmed anything.
+      said = findings ? { confirmed: true, version } : {};
     }
   }
 }

@@ -148,11 +148,12 @@ def test_roads_places_and_connections_are_worked_on_with_the_mouse_alone(page: P
     hands.click_node("/graph/poi/hall/head")
     until(page, lambda: middle not in model.graph.pois, "one place in place of two")
 
-    # A road is drawn by clicks, cut, and deleted piece by piece.
+    # A road is drawn by clicks, cut, joined, smoothed, trimmed and deleted.
     hands.press_button("Draw a road")
     hands.click_floor(14.0, 0.0)
     hands.click_floor(14.0, 5.0)
-    until(page, lambda: "5.0 m drawn" in hands.frame.inner_text("body"), "the line so far")
+    hands.click_floor(16.0, 5.0)
+    until(page, lambda: "7.0 m drawn" in hands.frame.inner_text("body"), "the line so far")
     hands.press_button("Accept")
     until(page, lambda: "r3" in model.graph.roads, "the drawn road")
     hands.press_button("Select (1)")
@@ -165,10 +166,25 @@ def test_roads_places_and_connections_are_worked_on_with_the_mouse_alone(page: P
     hands.press_button("Join")
     hands.click_floor(14.0, 3.8, 0.05)
     until(page, lambda: "r4" not in model.graph.roads, "the two parts joined")
+    line = model.graph.roads["r3"].points_m
+    hands.press_button("Smooth")
+    until(page, lambda: model.graph.roads["r3"].points_m != line, "the corner to be rounded")
+    hands.press_button("Trim")
+    hands.click_floor(14.0, 1.5)
+    hands.click_floor(15.5, 5.0)
+    until(page, lambda: model.graph.roads["r3"].points_m[0][1] > 1.0, "the beginning to be cut off")
     hands.press_button("Delete road")
     until(page, lambda: model.graph.roads.keys() == {"r1", "r2"}, "the road to be gone")
     hands.press_button("Undo")
     until(page, lambda: "r3" in model.graph.roads, "the road to be back")
+
+    # A place is deleted with its connection, and both come back.
+    hands.press_button("Select (1)")
+    hands.click_node("/graph/poi/bar/head")
+    hands.press_button("Delete place")
+    until(page, lambda: "bar" not in model.graph.pois, "the place to be gone")
+    hands.press_button("Undo")
+    until(page, lambda: "bar" in model.graph.pois and len(model.graph.edges) == 2, "the place and its connection")
 
 
 @pytest.mark.slow

@@ -15,6 +15,7 @@ _MAX_CM = 65_535
 _FARTHEST_UNSEEN_M = 6.0
 _UNSEEN_STEP_DEG = 2.0
 """Of what is remembered beside the image, the nearest in so many degrees is told."""
+_BEHIND_CORNER_M = 1.0
 _ONE_BEARING_RAD = math.radians(1.0)
 """Width of a scan of a single bearing."""
 
@@ -36,6 +37,7 @@ def decision_view(guidance: Guidance, scan: ObstacleScan | None, settings: Setti
         lost_s=_since(trace.lost_since_s, stamp_s),
         look_rad=float(relative_to(trace.look_target, trace.heading)) if looks else None,  # type: ignore[arg-type]
         corner=_corner(trace.corner),
+        is_at_corner=_is_at_corner(trace, settings.planning.route_spacing_m),
         sonar_rad=finite(trace.sonar_bearing_rad) or 0.0,
         valid_fraction=finite(trace.valid_fraction),
         limits=_limits(trace, settings),
@@ -88,6 +90,14 @@ def _corner(corner: CornerAhead | None) -> WireCorner | None:
     if corner is None:
         return None
     return WireCorner(float(corner.distance_m), float(corner.bend), float(corner.turn_m))
+
+
+def _is_at_corner(trace: DecisionTrace, spacing_m: float) -> bool:
+    """Return whether the last corner that was reached is not far behind yet; a route's points are evenly spaced."""
+    goal, at = trace.sub_goal, trace.closest_index
+    if goal is None or at is None or goal.passed_index == 0:
+        return False
+    return (at - goal.passed_index) * spacing_m <= _BEHIND_CORNER_M
 
 
 def _limits(trace: DecisionTrace, settings: Settings) -> DecisionLimits:

@@ -104,6 +104,8 @@ class DecisionTraceView(msgspec.Struct, frozen=True, array_like=True):
     look_rad: Finite | None = None
     """Where the walker turns to look for a way round."""
     corner: WireCorner | None = None
+    is_at_corner: bool = False
+    """The walker is at a corner of the route, or has just passed its middle."""
     sonar_rad: Finite = 0.0
     """Where the rangefinder looks."""
     valid_fraction: Finite | None = None

@@ -26,7 +26,8 @@ UP: list[wire.DeviceMessage] = [
         (WireCandidate(0.1, 3.0, True),), 0.2, 5.0, None, "ok", 3.2, 0.8,
         "Move forward.", 1.9, 8.0, 10.0, Mode.GUIDING, "bar",
         trace=DecisionTraceView(
-            "to_expected", "along", 0.1, 3.0, 0.2, -0.3, 1, 2.0, 3.0, None, 0.5, WireCorner(2.0, -1.5, 0.4), 0.01, 0.9,
+            "to_expected", "along", 0.1, 3.0, 0.2, -0.3, 1, 2.0, 3.0, None, 0.5, WireCorner(2.0, -1.5, 0.4),
+            True, 0.01, 0.9,
             DecisionLimits(0.8, 2.0, 3.0, 0.7, 0.13, 1.0, 0.5, 0.7, 0.17, 1.0, 3.0, 0.3, 3),
             WireScan(-0.6, 0.017, (0, 1, 2, 3, 4), (0, 123, 250, 0, 140), ((-90, 80),)),
         ),

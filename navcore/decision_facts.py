@@ -15,6 +15,10 @@ _SAME_DIRECTION_RAD = math.radians(2.5)
 _AHEAD_RAD = math.radians(15.0)
 _USUALLY_STRAIGHT_RAD = math.radians(10.0)
 """What sounds like straight ahead by default, for recordings that do not tell."""
+_UNKNOWN = int(BearingState.UNKNOWN)
+_NOTHING = (int(BearingState.FREE), _UNKNOWN)
+_ROUNDING = 1e-6
+"""Of an index; a bearing at the edge of a cone is inside."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,8 +91,8 @@ class Facts:
             return Cone(False, None, BearingState.UNKNOWN)
         inside = _inside(scan, towards_rad, half_rad)
         covers = _covers(scan, towards_rad, half_rad)
-        is_known = covers and bool(inside) and all(scan.states[i] != BearingState.UNKNOWN for i in inside)
-        seen = [(scan.nearest_cm[i], scan.states[i]) for i in inside if _is_something(scan, i)]
+        is_known = covers and bool(inside) and all(scan.states[i] != _UNKNOWN for i in inside)
+        seen = [(scan.nearest_cm[i], scan.states[i]) for i in inside if scan.states[i] not in _NOTHING]
         if not seen:
             return Cone(is_known, None, BearingState.FREE if is_known else BearingState.UNKNOWN)
         nearest_cm, state = min(seen)
@@ -115,19 +119,14 @@ def finite(value: float | None) -> float | None:
     return value if value is not None and math.isfinite(value) else None
 
 
-def _is_something(scan: WireScan, index: int) -> bool:
-    return scan.states[index] in _THINGS and index < len(scan.nearest_cm)
-
-
-_THINGS = (BearingState.OBSTACLE, BearingState.DROP, BearingState.HEARD)
-
-
-def _inside(scan: WireScan, towards_rad: float, half_rad: float) -> list[int]:
-    return [
-        i
-        for i in range(len(scan.states))
-        if abs(wrap_rad(scan.first_rad + i * scan.step_rad - towards_rad)) <= half_rad
-    ]
+def _inside(scan: WireScan, towards_rad: float, half_rad: float) -> range:
+    """Return the indices of the bearings within ``half_rad`` of a direction."""
+    if not scan.step_rad > 0.0:
+        return range(0)
+    first = math.ceil((towards_rad - half_rad - scan.first_rad) / scan.step_rad - _ROUNDING)
+    last = math.floor((towards_rad + half_rad - scan.first_rad) / scan.step_rad + _ROUNDING)
+    count = min(len(scan.states), len(scan.nearest_cm))
+    return range(min(max(first, 0), count), min(max(last + 1, 0), count))
 
 
 def _covers(scan: WireScan, towards_rad: float, half_rad: float) -> bool:

@@ -159,7 +159,7 @@ def _gate(facts: Facts) -> str:
     limits = facts.trace.limits
     if limits.gate_m is None:
         return ""
-    field = f"within {degrees(limits.half_field_rad)} of {aside(facts.trace.sonar_rad)}"
+    field = f"within {math.degrees(limits.half_field_rad):.1f}° of {aside(facts.trace.sonar_rad)}"
     return f"{_sonar(facts)}, must exceed {metres(limits.gate_m)} {field}"
 
 

@@ -22,6 +22,8 @@ _DETOUR_RAD = math.radians(5.0)
 _SAME_PLACE_M = 0.3
 """Rangefinder and depth camera mean the same thing where they differ by less."""
 _OFFSET_M = 0.05
+_GONE_ROUND_M = 3.5
+"""What is farther ahead is not gone round yet (navcore.follower.beside)."""
 _COMES_M_S = 0.2
 
 
@@ -63,7 +65,7 @@ def _why_walk(facts: Facts, direction_rad: float | None) -> str:
     if abs(trace.offset_m) >= _OFFSET_M:
         side = "left" if trace.offset_m > 0.0 else "right"
         beside = f"{metres(abs(trace.offset_m))} {side} of the road's middle"
-        return f"round {_thing_ahead(facts, 'what stands on the road')}, {beside}"
+        return f"round {_gone_round(facts)}, {beside}"
     if facts.rule is Rule.TO_WIDEST:
         widest = "this one is the widest" if free_m is None else f"this one is free farthest, for {metres(free_m)}"
         return f"no direction is free as far as it should be, and {widest}"
@@ -71,7 +73,7 @@ def _why_walk(facts: Facts, direction_rad: float | None) -> str:
     detour = direction_rad is not None and expected_rad is not None and (
         abs(wrap_rad(direction_rad - expected_rad)) > _DETOUR_RAD
     )  # fmt: skip
-    if detour and finite(state.nearest_ahead_m) is not None:
+    if detour and state.nearest_ahead_m is not None and state.nearest_ahead_m <= _GONE_ROUND_M:
         return f"round {_thing_ahead(facts)}"
     if detour and facts.rule is not Rule.TO_STRAIGHT:
         return f"it is the walkable direction nearest to the way's, {_where(expected_rad)}{free}"
@@ -216,8 +218,8 @@ def _waits(facts: Facts) -> str:
         reason = Reason(facts.state.reason)
     except ValueError:
         return waiting
-    was = reason.sentence[0].lower() + inlined(reason.sentence)[1:]
-    return waiting if reason is Reason.OK else f"{waiting}; the stop began since {was}"
+    was = inlined(reason.sentence)
+    return waiting if reason is Reason.OK else f"{waiting}; the stop was told since {was[0].lower()}{was[1:]}"
 
 
 def _moved(facts: Facts) -> str:
@@ -301,6 +303,12 @@ def _thing_ahead(facts: Facts, otherwise: str = "something") -> str:
         facts.ahead.state, "something"
     )
     return f"{what} {metres(nearest_m)} ahead"
+
+
+def _gone_round(facts: Facts) -> str:
+    nearest_m = facts.state.nearest_ahead_m
+    is_near = nearest_m is not None and nearest_m <= _GONE_ROUND_M
+    return _thing_ahead(facts) if is_near else "what stands on the road"
 
 
 def _where(direction_rad: float | None) -> str:

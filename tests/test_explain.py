@@ -111,7 +111,8 @@ CASES = (
      state(rule=Rule.ECHO_NEAR, scan=scan_of(*WALL, nearest_m=1.5), **ECHO)),
     ("Stop: the place in the map has been unknown for 4 s.",
      state("stop", "pose_lost", Rule.POSE_LOST, quality="lost", pose=None, lost_s=4.0)),
-    ("Stop: only 12% of the depth picture carries a depth, less than the 30% that are needed: what is ahead is unknown.",
+    ("Stop: only 12% of the depth picture carries a depth, less than the 30% that are needed: what is ahead is"
+     " unknown.",
      state("stop", "depth_invalid", Rule.DEPTH_INVALID, valid_fraction=0.12)),
     ("Stop: the floor falls away 0.7 m ahead, nearer than the 0.8 m that are needed to come to a stand.",
      state("stop", "drop_ahead", Rule.NEAR_AHEAD, nearest_ahead_m=0.7)),

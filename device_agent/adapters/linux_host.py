@@ -37,9 +37,10 @@ class LinuxHost:
         self._thread.join(1.0)
 
     def _look(self) -> None:
-        while not self._closed.is_set():
+        while True:
             self._health = host_health(self._power, self._thermal)
-            self._closed.wait(self._every_s)
+            if self._closed.wait(self._every_s):
+                return
 
 
 def host_health(power: Path = POWER, thermal: Path = THERMAL) -> HostHealth:

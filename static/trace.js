@@ -19,7 +19,7 @@ const SAME_THING_M = 0.35;
 const FREE = 0, OBSTACLE = 1, DROP = 2, UNKNOWN = 3, HEARD = 4;
 const MARK_EVERY_RAD = Math.PI / 45;
 const SAME_INSTANT_S = 0.15;
-const SILENT = { no_echo: "no echo", stale: "silent", absent: "no sonar" };
+const SILENT = { no_echo: "sonar: no echo", stale: "sonar: silent", absent: "no sonar" };
 const LEGEND = [
   ["free", "seen to be free", "M2 12 L4 2 H14 L16 12 Z"],
   ["unknown", "not known", "M2 12 L4 2 H14 L16 12 Z"],
@@ -195,8 +195,8 @@ class PolarPlot {
     this.cone.classList.toggle("silent", sonar_state !== "ok");
     arcAt(this.echo, hears && sonar_state === "ok" ? sonar_m : null, sonar_rad, half_rad);
     arcAt(this.gate, half_rad > 0 ? limits.gate_m : null, sonar_rad, 2 * half_rad);
-    const words = sonar_state === "ok" ? metres(sonar_m) : SILENT[sonar_state];
-    this.label("echo", `sonar ${words}`.replace("sonar no sonar", "no sonar"), Math.PI, BEHIND_M - 0.25);
+    const words = sonar_state === "ok" ? `sonar ${metres(sonar_m)}` : SILENT[sonar_state];
+    this.label("echo", words, Math.PI, BEHIND_M - 0.25);
   }
 
   showDirections({ expected_rad, optimal_rad, look_rad }, { action, direction_rad }) {

@@ -70,7 +70,7 @@ def fleet(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecu
 
 
 def memory(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecutor) -> None:
-    """An hour of a walk as fast as it is taken in: in bursts, each over a link of its own, with a browser that looks."""
+    """An hour of a walk as fast as it is taken in: in bursts, each over a link of its own, and a browser looks on."""
     with console_process(folder, 1) as console:
         held_mb, began_s, told = [console.rss_mb()], time.monotonic(), Told("glasses-0")
 

@@ -69,13 +69,14 @@ class RunningConsole:
 
 
 @contextmanager
-def console_process(folder: Path, devices_count: int) -> Iterator[RunningConsole]:
-    """Serve a small site until the block ends, with ``vbr console``."""
+def console_process(folder: Path, devices_count: int, profile: Path | None = None) -> Iterator[RunningConsole]:
+    """Serve a small site until the block ends, with ``vbr console``; ``profile`` is for ``pstats``, of its loop."""
     save_site(_corridor(), folder / "site")
     data_folder, ready_file = folder / "data", folder / "ready.json"
     session, tokens = _let_in(ConsoleConfig(folder / "site", data_folder), devices_count)
     command = ["console", "--site", folder / "site", "--data", data_folder, "--port", "0", "--ready-file", ready_file]
-    process = subprocess.Popen([sys.executable, "-m", "device_agent", *map(str, command)])
+    under = ["-m", "cProfile", "-o", str(profile)] if profile is not None else []
+    process = subprocess.Popen([sys.executable, *under, "-m", "device_agent", *map(str, command)])
     try:
         ready = _ready(ready_file, process)
         yield RunningConsole(ready["url"], process.pid, session, tokens, data_folder)

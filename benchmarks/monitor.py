@@ -40,6 +40,7 @@ def main() -> None:
     parser.add_argument("--browsers", type=int, default=5)
     parser.add_argument("--devices", type=int, default=100)
     parser.add_argument("--minutes", type=float, default=60.0, help="of a walk, for the memory")
+    parser.add_argument("--profile", type=Path, help="file for pstats: where the time of the console's loop goes")
     arguments = parser.parse_args()
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as devices:
         # Its imports are no part of what is measured.
@@ -53,7 +54,7 @@ def main() -> None:
 # -------------------------------------------------------------------------------------------------------- measures
 def age(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecutor) -> None:
     """One device that decides at 20 Hz, seen by several browsers."""
-    with console_process(folder, 1) as console:
+    with console_process(folder, 1, arguments.profile) as console:
         told, seen, cpu_share = _walked(console, devices, arguments.seconds, 20.0, arguments.browsers)
         _print_ages(f"1 device at 20 Hz, {arguments.browsers} browsers", seen, arguments.seconds, TARGET_AGE_P95_S)
         _print_events(console, told)
@@ -62,7 +63,7 @@ def age(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecuto
 
 def fleet(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecutor) -> None:
     """Many devices at 10 Hz, seen by one browser."""
-    with console_process(folder, arguments.devices) as console:
+    with console_process(folder, arguments.devices, arguments.profile) as console:
         told, seen, cpu_share = _walked(console, devices, arguments.seconds, 10.0, 1)
         _print_ages(f"{arguments.devices} devices at 10 Hz, 1 browser", seen, arguments.seconds, None)
         _print_events(console, told)
@@ -71,7 +72,7 @@ def fleet(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecu
 
 def memory(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecutor) -> None:
     """An hour of a walk as fast as it is taken in: in bursts, each over a link of its own, and a browser looks on."""
-    with console_process(folder, 1) as console:
+    with console_process(folder, 1, arguments.profile) as console:
         held_mb, began_s, told = [console.rss_mb()], time.monotonic(), Told("glasses-0")
 
         async def watched(told: Told) -> None:
@@ -96,7 +97,7 @@ def memory(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExec
 
 def slow(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExecutor) -> None:
     """The same browsers without and with two that hardly read, or never."""
-    with console_process(folder, 1) as console:
+    with console_process(folder, 1, arguments.profile) as console:
         _, alone, _ = _walked(console, devices, arguments.seconds, 20.0, arguments.browsers - 1)
         _print_ages("all browsers read", alone, arguments.seconds, None)
         before_mb = console.rss_mb()

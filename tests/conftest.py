@@ -36,6 +36,15 @@ hypothesis.settings.load_profile("repeatable")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep together what shares something dear: a file's tests; those with a Chromium, of which one draws at a time."""
+    if config.pluginmanager.hasplugin("xdist"):
+        for item in items:
+            together = "browser" if item.get_closest_marker("browser") else item.path.stem
+            item.add_marker(pytest.mark.xdist_group(together))
+
+
 def data_folder() -> Path:
     """Where the real recordings lie: VBR_DATA, or ../shared/data beside the checkout."""
     return Path(os.environ.get("VBR_DATA", REPOSITORY.parent / "shared" / "data"))

@@ -76,7 +76,7 @@ def memory(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolExec
         held_mb, began_s, told = [console.rss_mb()], time.monotonic(), Told("glasses-0")
 
         async def watched(told: Told) -> None:
-            browser = asyncio.create_task(look(console.url, console.cookie, began_s + 3600.0))
+            browser = asyncio.create_task(look(console.url, console.cookie, began_s + 3600.0, Seen()))
             loop = asyncio.get_running_loop()
             for _ in range(HOUR_STEPS_COUNT):
                 minutes = arguments.minutes / HOUR_STEPS_COUNT
@@ -123,7 +123,7 @@ def _walked(
 
     async def all_look() -> list[Seen]:
         aside = [
-            asyncio.create_task(look(console.url, console.cookie, until_s, reads_every_s=every_s))
+            asyncio.create_task(look(console.url, console.cookie, until_s, Seen(), reads_every_s=every_s))
             for every_s in slow_reads_every_s
         ]
         seen = await look_all(console.url, console.cookie, browsers_count, until_s)

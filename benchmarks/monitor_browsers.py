@@ -78,12 +78,12 @@ def _ages_s(arrivals_s: FloatArray, frames_s: FloatArray) -> FloatArray:
     return frames_s[drawn] - arrivals_s[newest[drawn], 1]
 
 
-async def look(url: str, cookie: str, until_s: float, *, reads_every_s: float | None = 0.0) -> Seen:
-    """Be a browser until a time: read at once, only every so often, or (None) never.
+async def look(url: str, cookie: str, until_s: float, seen: Seen, *, reads_every_s: float | None = 0.0) -> None:
+    """Be a browser until a time, and note what is seen: read at once, only every so often, or (None) never.
 
     A slow one has the small buffers of a thin line, so that what it does not read is soon the console's to hold.
     """
-    seen, is_slow = Seen(), reads_every_s != 0.0
+    is_slow = reads_every_s != 0.0
     address = urlsplit(url)
     line = sockets.socket()
     if is_slow:
@@ -104,9 +104,10 @@ async def look(url: str, cookie: str, until_s: float, *, reads_every_s: float | 
                     await asyncio.sleep(3600.0)
                 seen.take(await socket.recv(), time.monotonic())
                 await asyncio.sleep(reads_every_s or 0.0)
-    return seen
 
 
 async def look_all(url: str, cookie: str, count: int, until_s: float) -> list[Seen]:
     """Be so many browsers at once."""
-    return list(await asyncio.gather(*(look(url, cookie, until_s) for _ in range(count))))
+    every = [Seen() for _ in range(count)]
+    await asyncio.gather(*(look(url, cookie, until_s, seen) for seen in every))
+    return every

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from console_room import Person
 from playwright.sync_api import Browser, BrowserContext, Error, Frame, Page, sync_playwright
 
 ARGUMENTS = (
@@ -102,6 +103,13 @@ def without_tour(context: BrowserContext, *names: str) -> None:
     """Let people be those who have seen the tour of a first visit in this browser."""
     seen = "".join(f"localStorage['tour-seen-{name}'] = '1';" for name in names)
     context.add_init_script(f"if (self === top && location.protocol.startsWith('http')) {{ {seen} }}")
+
+
+def become(context: BrowserContext, person: Person, name: str) -> None:
+    """Let somebody who is signed in already be who uses this browser: no page is loaded for it."""
+    without_tour(context, name)
+    ((cookie, value),) = person.http.cookies.items()
+    context.add_cookies([{"name": cookie, "value": value, "url": person.url}])
 
 
 def become_admin(

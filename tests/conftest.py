@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
-from collections.abc import Iterator
+import shutil
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -32,6 +34,15 @@ hypothesis.settings.register_profile("repeatable", derandomize=True)
 hypothesis.settings.load_profile("repeatable")
 
 REPOSITORY = Path(__file__).resolve().parent.parent
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Keep together what shares something dear: a file's tests; those with a Chromium, of which one draws at a time."""
+    if config.pluginmanager.hasplugin("xdist"):
+        for item in items:
+            together = "browser" if item.get_closest_marker("browser") else item.path.stem
+            item.add_marker(pytest.mark.xdist_group(together))
 
 
 def data_folder() -> Path:
@@ -94,20 +105,45 @@ def office_renderer(office: Building) -> Renderer:
     return renderer_of(office)
 
 
+def made_once(factory: pytest.TempPathFactory, name: str, make: Callable[[Path], None]) -> Path:
+    """Return the folder that ``make`` fills once in a run, for whichever of the test processes needs it first.
+
+    The others wait for it. Nobody may write into it: who wants to change something copies it.
+    """
+    base = factory.getbasetemp()
+    # Each of pytest-xdist's processes has a folder of its own in the run's.
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder, unfinished = shared / name, shared / f"{name}-unfinished"
+    with (shared / f"{name}.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            shutil.rmtree(unfinished, ignore_errors=True)
+            unfinished.mkdir()
+            make(unfinished)
+            unfinished.rename(folder)
+    return folder
+
+
 @pytest.fixture(scope="session")
-def office_recording(office: Building, office_renderer: Renderer, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def office_recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The sighted person's walk from the hall to the wash room, recorded: camera, noise and gait as in the demo."""
-    folder = tmp_path_factory.mktemp("office") / "recording"
-    record_walk(folder, seed=0, max_length_m=20.0, building=office, renderer=office_renderer)
-    return folder
+
+    def record(folder: Path) -> None:
+        office, renderer = (request.getfixturevalue(name) for name in ("office", "office_renderer"))
+        record_walk(folder / "recording", seed=0, max_length_m=20.0, building=office, renderer=renderer)
+
+    return made_once(tmp_path_factory, "office-recording", record) / "recording"
 
 
 @pytest.fixture(scope="session")
-def office_site(office_recording: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def office_site(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The site that ``vbr map build`` makes of that recording."""
-    folder = tmp_path_factory.mktemp("office-site") / "site"
-    assert main(["map", "build", str(office_recording), "--site", str(folder), "--name", "Office floor"]) == 0
-    return folder
+
+    def build(folder: Path) -> None:
+        recording = str(request.getfixturevalue("office_recording"))
+        assert main(["map", "build", recording, "--site", str(folder / "site"), "--name", "Office floor"]) == 0
+
+    return made_once(tmp_path_factory, "office-site", build) / "site"
 
 
 # What tests of the console share; imported where it is used, for most tests need no server.

@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Any, TypeVar
 from urllib.parse import parse_qs, urlsplit
 
+import argon2
 import httpx
 from websockets.sync.client import ClientConnection, connect
 
+from console import secrets_kept
 from console.config import ConsoleConfig
 from console.hub import DeviceHub
 from console.live import LiveDevice
@@ -29,6 +31,10 @@ from navcore.wire import (
 PASSWORD = "seven quiet corridors"
 WAIT_S = 20.0
 Message = TypeVar("Message")
+PRODUCT_HASHER = secrets_kept._hasher
+# Hundreds of people sign in here: the same hash, made weak, so that it does not take a fifth of a second each time.
+secrets_kept._hasher = argon2.PasswordHasher(time_cost=1, memory_cost=8, parallelism=1)
+secrets_kept._HASH_OF_NOTHING = secrets_kept._hasher.hash("nothing")
 
 
 @contextmanager
@@ -47,7 +53,7 @@ class Person:
 
     def __init__(self, url: str) -> None:
         self.url = url
-        self.http = httpx.Client(base_url=url, headers={"Origin": url}, trust_env=False, timeout=WAIT_S)
+        self.http = httpx.Client(base_url=url, headers={"Origin": url}, trust_env=False, verify=False, timeout=WAIT_S)
 
     def open_link(self, link: str, name: str = "", password: str = PASSWORD) -> httpx.Response:
         """Choose a name and a password behind a one-time link."""

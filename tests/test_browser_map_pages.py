@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from browser import become_admin, chromium, until, without_tour
+from browser import become, chromium, until
+from console_room import first_admin
 from playwright.sync_api import Browser, Page, Route, expect
 
 from console.edits import SetEdge, UpdatePoi
@@ -45,12 +46,10 @@ def browser() -> Iterator[Browser]:
 def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
     context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 800})
     context.set_default_timeout(30_000)
-    without_tour(context, "Ada")
     opened = context.new_page()
     failures: list[str] = []
     opened.on("pageerror", lambda error: failures.append(str(error)))
-    assert server.ready.first_link is not None
-    become_admin(opened, server.ready.first_link)
+    become(context, first_admin(server), "Ada")
     yield opened
     context.close()
     assert failures == []

@@ -7,8 +7,8 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from browser import become_admin, chromium, until, without_tour
-from console_room import Person, invited
+from browser import become, become_admin, chromium, until
+from console_room import Person, first_admin, invited
 from link_processes import ConsoleProcess
 from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
 
@@ -36,7 +36,6 @@ def failures() -> Iterator[list[str]]:
 def context_of(browser: Browser, url: str) -> BrowserContext:
     context = browser.new_context(base_url=url, viewport={"width": 1200, "height": 800})
     context.set_default_timeout(30_000)
-    without_tour(context, "Ada", "Bea")
     return context
 
 
@@ -45,8 +44,7 @@ def page(browser: Browser, server: ConsoleServer, failures: list[str]) -> Iterat
     context = context_of(browser, server.ready.url)
     opened = context.new_page()
     opened.on("pageerror", lambda error: failures.append(str(error)))
-    assert server.ready.first_link is not None
-    become_admin(opened, server.ready.first_link)
+    become(context, first_admin(server), "Ada")
     yield opened
     context.close()
 
@@ -243,9 +241,7 @@ def other_person(browser: Browser, server: ConsoleServer, failures: list[str]) -
     ada = Person(server.ready.url)
     ada.sign_in("Ada").raise_for_status()
     context = context_of(browser, server.ready.url)
-    bea = invited(ada, "Bea", "editor")
-    ((name, value),) = bea.http.cookies.items()
-    context.add_cookies([{"name": name, "value": value, "url": server.ready.url}])
+    become(context, invited(ada, "Bea", "editor"), "Bea")
     opened = context.new_page()
     opened.on("pageerror", lambda error: failures.append(str(error)))
     return opened

@@ -1,4 +1,4 @@
-"""The map editor in a real Chromium: signed in by the first link, with mouse and keyboard, and after a reload."""
+"""The map editor in a real Chromium: with mouse and keyboard, and after a reload."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser import SceneHands, become_admin, chromium, until
+from browser import SceneHands, become, chromium, until
+from console_room import first_admin
 from playwright.sync_api import Browser, Page
 from viewer_site import crossing_corridors
 
@@ -44,10 +45,8 @@ def console(tmp_path: Path) -> Iterator[ConsoleServer]:
 @pytest.fixture
 def page(browser: Browser, console: ConsoleServer) -> Iterator[Page]:
     context = browser.new_context(viewport={"width": 1000, "height": 600})
-    page = context.new_page()
-    assert console.ready.first_link is not None
-    become_admin(page, console.ready.first_link)
-    yield page
+    become(context, first_admin(console), "Ada")
+    yield context.new_page()
     context.close()
 
 
@@ -284,9 +283,8 @@ def selected_ids(console: ConsoleServer) -> set[str]:
 @pytest.mark.slow
 def test_the_scene_is_light_where_the_browser_asks_for_it(browser: Browser, console: ConsoleServer) -> None:
     context = browser.new_context(viewport={"width": 1000, "height": 600}, color_scheme="light")
+    become(context, first_admin(console), "Ada")
     page = context.new_page()
-    assert console.ready.first_link is not None
-    become_admin(page, console.ready.first_link)
     hands = open_scene(page, console)
     light = """() => document.documentElement.getAttribute('data-mantine-color-scheme')"""
     until(page, lambda: hands.frame.evaluate(light) == "light", "the light theme")

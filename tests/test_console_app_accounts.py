@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import argon2
 import pytest
-from console_room import PASSWORD, Person, first_admin, invited, serving, token_of
+from console_room import PASSWORD, PRODUCT_HASHER, Person, first_admin, invited, serving, token_of
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
@@ -174,6 +175,12 @@ def test_secrets_are_kept_as_hashes_only(accounts: Accounts, tmp_path: Path) -> 
 def drain(socket: ClientConnection) -> None:
     for _ in socket:
         pass
+
+
+def test_a_stolen_hash_is_dear_to_guess_from() -> None:
+    """At least what OWASP's password storage cheat sheet asks of argon2id."""
+    kept = argon2.extract_parameters(PRODUCT_HASHER.hash(PASSWORD))
+    assert (kept.type, kept.memory_cost >= 19 * 1024, kept.time_cost >= 2) == (argon2.Type.ID, True, True)
 
 
 def test_signing_out_a_new_role_and_a_lock_end_sockets_at_once(site_folder: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
-from browser import become_admin, chromium, until, without_tour
+from browser import become, chromium, until
 from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited
 from playwright.sync_api import Browser, Page, Route, TimeoutError, expect
 from websockets.exceptions import ConnectionClosed
@@ -101,13 +101,11 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture
 def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
     context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 700})
-    without_tour(context, "Ada")
     opened = context.new_page()
     opened.set_default_timeout(60_000)
     failures: list[str] = []
     opened.on("pageerror", lambda error: failures.append(str(error)))
-    assert server.ready.first_link is not None
-    become_admin(opened, server.ready.first_link)
+    become(context, first_admin(server), "Ada")
     yield opened
     context.close()
     assert failures == []
@@ -256,9 +254,7 @@ def test_a_setting_is_sent_runs_and_asks_first_where_safety_hangs_on_it(page: Pa
 def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server: ConsoleServer) -> None:
     viewer = invited(first_admin(server), "Vera", "viewer")
     context = browser.new_context(base_url=server.ready.url)
-    ((name, value),) = viewer.http.cookies.items()
-    context.add_cookies([{"name": name, "value": value, "url": server.ready.url}])
-    without_tour(context, "Vera")
+    become(context, viewer, "Vera")
     page = context.new_page()
     page.goto("/pois")
     expect(page.locator("#places tr")).to_have_count(2)

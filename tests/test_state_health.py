@@ -33,6 +33,8 @@ from navcore.settings import Settings
 from navcore.types import CameraIntrinsics
 
 FLOOR = FloorCalibration(5.0, 1.6, 0.01, 0.26, 0.004, 0.01, 0.003, 30)
+START_S = 300.0
+"""A busy machine takes its time to start a device with its simulated building."""
 SPOKEN = "The device's storage has a fault. Guidance works. Let somebody look at it."
 
 
@@ -256,10 +258,10 @@ def test_the_device_starts_says_what_is_wrong_and_works(how: str, tmp_path: Path
         process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=stderr)
         try:
             # The loop runs, the walker hears of it, and the console as well: in this order or another.
-            console.wait_for(lambda: SPOKEN in [event.text for event in console.stored if event.kind == "cue"], 120.0)
+            console.wait_for(lambda: SPOKEN in [event.text for event in console.stored if event.kind == "cue"], START_S)
         finally:
             process.send_signal(signal.SIGTERM)
-            assert process.wait(30.0) == 0
+            assert process.wait(START_S) == 0
     told = [event.text for event in console.stored if event.kind == "mode"]
     said = (tmp_path / "stderr").read_text()
     assert "Traceback" not in said
@@ -298,12 +300,12 @@ def test_a_warning_does_not_spoil_the_window_in_which_keys_are_pressed(tmp_path:
     try:
         # What the walker hears is printed; the refusal is a warning, in the log alone.
         while b"There is no map yet." not in window or not _logged(state, "refuses this device's token"):
-            assert select.select([ours], [], [], 120.0)[0], "nothing is printed"
+            assert select.select([ours], [], [], START_S)[0], "nothing is printed"
             window += os.read(ours, 10_000)
             os.write(ours, b"m")
     finally:
         process.send_signal(signal.SIGTERM)
-        assert process.wait(30.0) == 0
+        assert process.wait(START_S) == 0
         os.close(ours)
     assert b"refuses" not in window
     assert b"WARNING" not in window

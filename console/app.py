@@ -16,6 +16,7 @@ from starlette.exceptions import HTTPException
 
 from console import (
     api_accounts,
+    api_alerts,
     api_checks,
     api_devices,
     api_exchange,
@@ -36,6 +37,7 @@ from navcore.errors import VbrError
 _log = logging.getLogger(__name__)
 _ROUTES = (
     api_accounts,
+    api_alerts,
     api_checks,
     api_devices,
     api_exchange,

@@ -43,6 +43,19 @@ class FirstBody(_Body):
     password: Password
 
 
+class AcknowledgeBody(_Body):
+    """What somebody says who has seen an alert."""
+
+    note: Annotated[str, Field(max_length=300)] = ""
+
+
+class ShelveBody(_Body):
+    """For how long an alert is to keep silent, and why."""
+
+    minutes: Literal[5, 10, 15]
+    reason: Annotated[str, Field(min_length=1, max_length=300)]
+
+
 class ViewBody(_Body):
     """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, or a device to show.
 

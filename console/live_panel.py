@@ -5,6 +5,7 @@ Ages are those at the instant of sending; the page counts them on, so that a fro
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 from console.live import LiveDevice
@@ -20,8 +21,8 @@ _STATE_FIELDS = (
 )  # fmt: skip
 
 
-def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
-    """Return one device; ``now_s`` is the console's monotonic clock."""
+def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """Return one device with its alerts (as of ``Alerts.views``); ``now_s`` is the console's monotonic clock."""
     return {
         "id": device.device_id,
         "name": device.name,
@@ -51,6 +52,7 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
             "refusal": device.map_walk_refusal,
             "seen": _map_walk_view(device, now_s),
         },
+        "alerts": alerts,
     }
 
 

@@ -52,6 +52,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
 def panel_view(services: Services, who: str) -> dict[str, Any]:
     """Return everything that the panel shows to ``who`` at this instant."""
     now_s, model = services.hub.now_s(), services.model
+    devices, alerts = services.hub.devices(), services.alerts.views()
     return {
         "draft_version": model.graph.version,
         "published_version": model.published.version,
@@ -60,7 +61,16 @@ def panel_view(services: Services, who: str) -> dict[str, Any]:
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
         "limits": {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S},
-        "devices": [device_view(device, now_s) for device in services.hub.devices()],
+        "devices": [
+            device_view(device, now_s, [alert for alert in alerts if alert["device_id"] == device.device_id])
+            for device in devices
+        ],
+        # ``elsewhere``: of devices that have not called since the console started.
+        "alerts": {
+            "total": len(alerts),
+            "unacknowledged": sum(alert["phase"] in ("unacknowledged", "returned") for alert in alerts),
+            "elsewhere": [alert for alert in alerts if alert["device_id"] not in {each.device_id for each in devices}],
+        },
     }
 
 
@@ -71,6 +81,7 @@ async def _stream(socket: WebSocket, services: Services, who: str) -> None:
         services.hub.subscribe(lambda _: _set_from_any_thread(loop, changed)),
         services.model.subscribe(lambda _: _set_from_any_thread(loop, changed)),
         services.presence.subscribe(lambda: _set_from_any_thread(loop, changed)),
+        services.alerts.subscribe(lambda: _set_from_any_thread(loop, changed)),
     ]
     try:
         while True:

@@ -110,7 +110,9 @@ def read_messages(path: Path) -> Iterator[TimedMessage]:
         try:
             arrival_s, offset_s, data = msgspec.msgpack.decode(payload, type=tuple[float, float, bytes])
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise MessageLogError(f"Record {number} of {path.name} is no message ({error}): it cannot be shown.") from error
+            raise MessageLogError(
+                f"Record {number} of {path.name} is no message ({error}): it cannot be shown."
+            ) from error
         try:
             message = decode_from_device(data)
         except WireError as error:
@@ -136,7 +138,9 @@ def _payloads(path: Path) -> Iterator[bytes]:
                 raise MessageLogError(f"{path.name} is no log of messages: it begins otherwise.")
             yield from _records(file, size_bytes, path.name)
     except OSError as error:
-        raise MessageLogError(f"{path.name} cannot be read ({error.strerror}): see whether it is still there.") from error
+        raise MessageLogError(
+            f"{path.name} cannot be read ({error.strerror}): see whether it is still there."
+        ) from error
 
 
 def _records(file: BinaryIO, size_bytes: int, name: str) -> Iterator[bytes]:

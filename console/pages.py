@@ -20,6 +20,7 @@ PAGES = {
     "/rehearse": "rehearse.html",
     "/exchange": "exchange.html",
     "/settings": "settings.html",
+    "/alerts": "alerts.html",
     "/map-walks": "map-walks.html",
     "/admin": "admin.html",
 }

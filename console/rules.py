@@ -54,6 +54,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/rehearse"): EVERYBODY,
     ("GET", "/exchange"): EVERYBODY,
     ("GET", "/settings"): EVERYBODY,
+    ("GET", "/alerts"): EVERYBODY,
     ("GET", "/map-walks"): MAPPERS,
     ("GET", "/admin"): ADMINS,
     # Signing in and out.
@@ -104,6 +105,16 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
+    # Alerts, and the incidents that are kept around them.
+    ("GET", "/api/alerts"): EVERYBODY,
+    ("POST", "/api/alerts/{alert_id}/acknowledge"): EVERYBODY,
+    ("POST", "/api/alerts/{alert_id}/shelve"): EVERYBODY,
+    ("POST", "/api/alerts/{alert_id}/unshelve"): EVERYBODY,
+    ("GET", "/api/incidents"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}/bundle.zip"): EVERYBODY,
+    ("DELETE", "/api/incidents/{incident_id}"): ADMINS,
+    ("POST", "/api/devices/{device_id}/keep"): EVERYBODY,
     # Map walks, and what was recorded of them.
     ("POST", "/api/devices/{device_id}/map-walk/begin"): MAPPERS,
     ("POST", "/api/devices/{device_id}/map-walk/end"): MAPPERS,

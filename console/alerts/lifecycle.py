@@ -59,7 +59,7 @@ class Life:
     priority: Priority = Priority.LOW
     shelved_until_s: float | None = None
     unacknowledged_since_s: float = 0.0
-    """Since when it waits at this priority."""
+    """Since when it waits for somebody."""
     is_holding: bool = False
     """What was said of its condition last, where anything was known."""
     holds_since_s: float | None = None
@@ -159,10 +159,11 @@ def _taken_off(life: Life, now_s: float) -> Life:
 
 
 def _escalated(life: Life, rule: Rule, now_s: float) -> Step:
-    waits = life.phase is Phase.UNACKNOWLEDGED and life.priority < Priority.HIGH and rule.escalate_after_s is not None
+    at_first = life.priority == rule.priority < Priority.HIGH
+    waits = life.phase is Phase.UNACKNOWLEDGED and at_first and rule.escalate_after_s is not None
     if not waits or now_s - life.unacknowledged_since_s < (rule.escalate_after_s or 0.0):
         return life, ()
-    return replace(life, priority=Priority(life.priority + 1), unacknowledged_since_s=now_s), (Change.ESCALATED,)
+    return replace(life, priority=Priority(life.priority + 1)), (Change.ESCALATED,)
 
 
 def _closed(life: Life, rule: Rule | None = None, now_s: float = 0.0) -> Step:

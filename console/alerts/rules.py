@@ -99,13 +99,13 @@ class Rule:
     off_delay_s: float
     """It must be known to be normal so long before the alert has returned."""
     sentence: str
-    """With ``{name}`` of the device, ``{value}`` and ``{reason}``."""
+    """With ``{name}`` of the device, ``{what}`` is measured and its ``{value}``, and guidance's ``{reason}``."""
     advice: str
     """What to do."""
     quantities: tuple[Quantity, ...] = ()
     """One beyond its limit is enough; all must be known, and within theirs, for it to end."""
     escalate_after_s: float | None = None
-    """Unacknowledged for so long, the priority goes up one step."""
+    """Unacknowledged for so long, the priority goes up one step, once."""
     needs_state: bool = True
     """It is unknown while nothing fresh has come from the device."""
 
@@ -115,8 +115,10 @@ class Finding:
     """What a rule says."""
 
     verdict: Verdict
+    what: str = ""
+    """The quantity that makes it hold."""
     value: str = ""
-    """The figure that makes it hold, with its unit."""
+    """Its figure, with the unit."""
 
 
 # ------------------------------------------------------------------------------------------------- what is looked at
@@ -125,6 +127,7 @@ _CLOSED = frozenset({Reason.NO_CANDIDATE, Reason.OBSTACLE_DEPTH, Reason.OBSTACLE
 _DEPTH_RANGE_M = 6.0
 """Where the depth camera sees nothing ahead, it is free at least so far."""
 _GAP_M = 1.0
+_DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
 
 
 def is_led(state: WalkerState) -> bool:
@@ -154,14 +157,18 @@ def judge(rule: Rule, seen: Observation, was_holding: bool) -> Finding:
     known = [(quantity, value) for quantity, value in measured if value is not None and not math.isnan(value)]
     for quantity, value in known:
         if quantity.is_beyond(value, quantity.clear_at if was_holding else quantity.raise_at):
-            return Finding(Verdict.HOLDS, f"{value:.{0 if quantity.unit in ('%', '°', '°C') else 1}f} {quantity.unit}")
+            return Finding(Verdict.HOLDS, quantity.name, _figure(value, quantity.unit))
     is_normal = len(known) == len(measured) if was_holding else bool(known)
     return Finding(Verdict.NORMAL if is_normal else Verdict.UNKNOWN)
 
 
+def _figure(value: float, unit: str) -> str:
+    return f"{value:.0f}{unit}" if unit == "°" else f"{value:.{_DIGITS.get(unit, 1)}f} {unit}"
+
+
 def sentence_of(rule: Rule, finding: Finding, seen: Observation, name: str) -> str:
     """Return what is wrong, with its figures."""
-    return rule.sentence.format(name=name, value=finding.value, reason=_reason_words(seen.state))
+    return rule.sentence.format(name=name, what=finding.what, value=finding.value, reason=_reason_words(seen.state))
 
 
 def _reason_words(state: WalkerState | None) -> str:
@@ -233,10 +240,10 @@ def _is_always(seen: Observation) -> bool:
 _TABLE = (
     Rule(
         "fall_suspected", "Fall suspected", Priority.HIGH, _is_worn, "the glasses are worn on duty", 3.0, 5.0,
-        "{name} may have fallen: {value}.",
+        "{name} may have fallen: {what} {value}.",
         "Speak to the walker now. Where nobody answers, send help to the place that the map shows.",
         (
-            Quantity("eyes above the floor", "m above the floor", 0.8, 1.0, lambda seen: _told(seen, "floor_eye_m")),
+            Quantity("eyes above the floor", "m", 0.8, 1.0, lambda seen: _told(seen, "floor_eye_m")),
             Quantity("tilt of the head", "°", 65.0, 50.0, _tilt_deg),
         ),
     ),
@@ -249,8 +256,8 @@ _TABLE = (
         needs_state=False,
     ),
     Rule(
-        "device_fault", "The device has failed", Priority.HIGH, _has_failed, "the device is in the state *fault*", 2.0, 3.0,
-        "{name} has stopped the walker: {reason}",
+        "device_fault", "The device has failed", Priority.HIGH, _has_failed, "the device is in the state *fault*", 2.0,
+        3.0, "{name} has stopped the walker: {reason}",
         "Tell the walker to stay where they are, and have somebody with them before they go on.",
     ),
     Rule(
@@ -299,7 +306,7 @@ _TABLE = (
     Rule(
         "too_hot", "Too hot", Priority.LOW, _is_always, "whenever the device tells it", 10.0, 10.0,
         "{name} is at {value}.",
-        "The device will leave out work to cool down. Let the walker rest, out of the sun.",
+        "Let the walker rest, out of the sun: a device that is hot gets slow, and one that is too slow stops the walker.",
         (Quantity("temperature", "°C", 80.0, 72.0, lambda seen: _told(seen, "temperature_c")),),
         escalate_after_s=600.0,
     ),

@@ -306,7 +306,7 @@ _TABLE = (
     Rule(
         "too_hot", "Too hot", Priority.LOW, _is_always, "whenever the device tells it", 10.0, 10.0,
         "{name} is at {value}.",
-        "Let the walker rest, out of the sun: a device that is hot gets slow, and one that is too slow stops the walker.",
+        "Let the walker rest, out of the sun. A hot device gets slow, and one that is too slow stops the walker.",
         (Quantity("temperature", "°C", 80.0, 72.0, lambda seen: _told(seen, "temperature_c")),),
         escalate_after_s=600.0,
     ),

@@ -9,12 +9,14 @@ from pathlib import Path
 
 from test_alerts_engine import Room
 
+from navcore.modes import Mode
+
 
 def main() -> None:
     """Keep an incident for ever."""
     room = Room(Path(sys.argv[1]))
     room.call()
-    room.walk(3.0, mode="fault", action="stop", reason="sensor_stale")
+    room.walk(3.0, mode=Mode.FAULT, action="stop", reason="sensor_stale")
     sys.stdout.write(room.alerts.active()[0].record.incident_id + "\n")
     number = 0
     while True:

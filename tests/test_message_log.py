@@ -8,7 +8,7 @@ import zlib
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from link_processes import Victim
 from message_strategies import messages
@@ -34,11 +34,13 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("log") / "messages.vbrlog"
 
 
+@settings(max_examples=25, deadline=None)
 @given(logged)
 def test_what_is_written_is_read_back(log: Path, entries: list[tuple[float, float, Event | WalkerState]]) -> None:
     assert list(read_messages(written(log, entries))) == [TimedMessage(*entry) for entry in entries]
 
 
+@settings(max_examples=40, deadline=None)
 @given(logged, st.data())
 def test_a_torn_end_costs_the_record_that_it_tears(
     log: Path, entries: list[tuple[float, float, Event | WalkerState]], data: st.DataObject
@@ -52,6 +54,7 @@ def test_a_torn_end_costs_the_record_that_it_tears(
     assert length < len(whole) or len(found) == len(entries)
 
 
+@settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(stamps, stamps, messages(Event)), min_size=3, max_size=5), st.data())
 def test_a_byte_that_is_damaged_is_told_and_never_becomes_a_message(
     log: Path, entries: list[tuple[float, float, Event]], data: st.DataObject

@@ -39,6 +39,7 @@ def _add_alert_routes(app: FastAPI, services: Services) -> None:
         return json_response(
             {
                 "active": alerts.views(device),
+                "devices": _devices(services),
                 "recent": [_record_view(record, steps.get(record.alert_id, [])) for record in recent],
             }
         )
@@ -98,6 +99,13 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
         incident_id = incidents.keep(device_id, cause)
         services.store.audit(visitor.user_name, "incident_keep", f"{device_id} {incident_id}")
         return json_response({"incident_id": incident_id}, 202)
+
+
+def _devices(services: Services) -> list[dict[str, Any]]:
+    """Return the devices that can be asked about: those that have called, and those that have an alert."""
+    found = {each.record.device_id: (each.record.device_name, False) for each in services.alerts.active()}
+    found |= {device.device_id: (device.name, device.connected) for device in services.hub.devices()}
+    return [{"id": key, "name": name, "connected": connected} for key, (name, connected) in sorted(found.items())]
 
 
 def _record_view(record: AlertRecord, steps: list[AlertStep]) -> dict[str, Any]:

@@ -15,6 +15,7 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from console import (
+    alerts_socket,
     api_accounts,
     api_alerts,
     api_checks,
@@ -36,6 +37,7 @@ from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
 _ROUTES = (
+    alerts_socket,
     api_accounts,
     api_alerts,
     api_checks,

@@ -106,6 +106,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
     # Alerts, and the incidents that are kept around them.
+    ("WS", "/live/alerts"): EVERYBODY,
     ("GET", "/api/alerts"): EVERYBODY,
     ("POST", "/api/alerts/{alert_id}/acknowledge"): EVERYBODY,
     ("POST", "/api/alerts/{alert_id}/shelve"): EVERYBODY,

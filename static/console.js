@@ -1,3 +1,4 @@
+import { AlertList } from "./alerts.js";
 import { post } from "./api.js";
 import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
@@ -18,6 +19,7 @@ let device = null;
 let wantedDevice = sessionStorage.getItem("device");
 let renaming = null;
 
+new AlertList($("alert-panel"), { device: () => device?.id ?? null });
 tabs(document.querySelector("[role=tablist]"));
 undoKeys(graph);
 if (!me.mayEdit) {

@@ -41,7 +41,7 @@ NAMELESS = """
 
 
 PAGES = (
-    "/", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings", "/admin",
+    "/", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings", "/alerts", "/admin",
 )  # fmt: skip
 _REASONS = {
     Mode.PAUSED: "paused", Mode.LOST: "pose_lost", Mode.ARRIVED: "arrived", Mode.FAULT: "sensor_stale",

@@ -329,7 +329,7 @@ def alerts_of(stream: Any) -> dict[str, Any]:
 
 def test_people_see_acknowledge_and_shelve_alerts_together(server: ConsoleServer, device: DialledDevice) -> None:
     services = server.services
-    services.alerts._rules = QUICK
+    services.alerts.rules = QUICK
     admin = first_admin_again(server)
     viewer = invited(admin, "Vera", "viewer")
     with admin.live() as hers, viewer.live() as his:

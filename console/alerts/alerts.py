@@ -65,7 +65,7 @@ class Alerts:
         self, hub: DeviceHub, store: AlertStore, incidents: Incidents, rules: Mapping[AlertKind, Rule] = RULES
     ) -> None:
         """Take up the alerts that were not done with when the console ended."""
-        self._hub, self._store, self._incidents, self._rules = hub, store, incidents, rules
+        self._hub, self._store, self._incidents, self.rules = hub, store, incidents, rules
         self._lock = threading.RLock()
         self._lives: dict[tuple[str, AlertKind], Life] = {}
         self._records: dict[tuple[str, AlertKind], AlertRecord] = {}
@@ -89,7 +89,7 @@ class Alerts:
     def views(self, device_id: str | None = None) -> list[dict[str, Any]]:
         """Return them as plain data for JSON."""
         wall_s = self._store.wall_s()
-        return [_view(each, self._rules[each.record.kind], wall_s) for each in self.active(device_id)]
+        return [_view(each, self.rules[each.record.kind], wall_s) for each in self.active(device_id)]
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call ``listener`` whenever alerts change, from whichever thread; return what ends that."""
@@ -178,7 +178,7 @@ class Alerts:
             watched.heard_s = now_s - age_s
         seen = observe(device, now_s, watched.heard_s, watched.was_led)
         self._note_led(device_id, watched, seen)
-        for kind, rule in self._rules.items():
+        for kind, rule in self.rules.items():
             key = device_id, kind
             life = self._lives.get(key, Life())
             finding = judge(rule, seen, life.is_holding)

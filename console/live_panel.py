@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from console.live import LiveDevice
+from console.trace_view import trace_view
 from navcore.cues.texts import TEXTS
 from navcore.types import Reason
 
@@ -17,7 +18,7 @@ COMMANDS_SHOWN_COUNT = 6
 _STATE_FIELDS = (
     "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
     "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
-    "mode", "destination_id", "load_level",
+    "mode", "destination_id", "load_level", "eye_m", "tilt_rad", "battery_percent", "is_charging", "temperature_c",
 )  # fmt: skip
 
 
@@ -64,6 +65,7 @@ def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     cue_stamp_s = state.last_cue_stamp_s
     view["reason"] = reason_sentence(state.reason)
     view["mode_label"], view["mode_sentence"] = state.mode.label, state.mode.sentence
+    view["trace"] = trace_view(state)
     view["last_cue_age_s"] = device.age_of(cue_stamp_s, now_s) if cue_stamp_s is not None else None
     return view
 

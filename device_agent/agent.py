@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from importlib import metadata
 from pathlib import Path
 
-from device_agent.adapters.fakes import NoButtons, NoMapWalks
+from device_agent.adapters.fakes import FakeHost, NoButtons, NoMapWalks
 from device_agent.cycle import Cycle, walker_state
 from device_agent.device_store import DeviceStore
 from device_agent.load_plan import LoadLevel
@@ -33,6 +33,7 @@ from device_agent.ports import (
     CueOutput,
     DepthCamera,
     DisplayOutput,
+    HostMonitor,
     LocalizerPort,
     MapWalks,
     Sonar,
@@ -106,6 +107,8 @@ class DeviceParts:
     """Called after each cycle in which nothing was raised: a sign of life for whoever starts the device anew."""
     map_walks: MapWalks = field(default_factory=NoMapWalks)
     """What records a map walk while the state is *mapping*."""
+    host: HostMonitor = field(default_factory=FakeHost)
+    """Battery and temperature; of what is simulated or replayed, nothing is known."""
 
 
 class DeviceAgent:
@@ -361,7 +364,8 @@ class DeviceAgent:
         uplink = self._parts.uplink
         self._measure_rate(cycle)
         spoken, summaries = self._voice.last_spoken, self.monitor.summaries
-        uplink.state(walker_state(self.state, cycle, spoken, self._frame_rate_hz, summaries))
+        health = self._parts.host.read()
+        uplink.state(walker_state(self.state, cycle, spoken, self._frame_rate_hz, summaries, health))
         if cycle.frame is not None:
             uplink.depth_image(cycle.frame)
         self._report_cues(cycle.cues)

@@ -6,11 +6,14 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from device_agent.decision_view import decision_view, finite
 from device_agent.motion import speed_m_s
+from device_agent.ports import HostHealth
 from device_agent.state import DeviceState
 from navcore.cues.table import Cue
 from navcore.types import Frame, Guidance, Localization, ObstacleScan
-from navcore.wire import StageSummary, WalkerState, WireCandidate
+from navcore.wire import StageSummary, WalkerState
+from navcore.wire_trace import WireCandidate
 
 DEVICE_WORK = ("localize", "plan", "scan", "guide", "cues")
 """The stages that count as work of the device, from the depth frame to the cue."""
@@ -46,11 +49,12 @@ def walker_state(
     last_cue: Cue | None,
     frame_rate_hz: float,
     stages: tuple[StageSummary, ...] = (),
+    health: HostHealth | None = None,
 ) -> WalkerState:
     """Return the cycle as the console's message."""
     guidance, trace = cycle.guidance, cycle.guidance.trace
     located = cycle.localization
-    goal = trace.sub_goal
+    goal, among, health = trace.sub_goal, frozenset(trace.among), health or HostHealth()
     return WalkerState(
         stamp_s=cycle.stamp_s,
         quality=located.quality.value if located is not None else "lost",
@@ -60,19 +64,20 @@ def walker_state(
         pose=_pose(located),
         position_std_m=_position_std_m(located),
         inlier_count=located.inlier_count if located is not None else 0,
-        direction_rad=_number(guidance.direction),
-        expected_rad=_number(trace.expected),
+        direction_rad=finite(guidance.direction),
+        expected_rad=finite(trace.expected),
         sub_goal=(float(goal.x_m), float(goal.y_m)) if goal is not None else None,
         sub_goal_case=goal.case.value if goal is not None else None,
         candidates=tuple(
-            WireCandidate(float(each.angle), float(min(each.clearance_m, 1e3))) for each in trace.candidates
+            WireCandidate(float(each.angle), float(min(each.clearance_m, 1e3)), each.angle in among)
+            for each in trace.candidates
         ),
-        deviation_m=_number(trace.deviation_m),
-        remaining_m=_number(trace.remaining_m),
-        nearest_ahead_m=_number(trace.nearest_ahead_m),
+        deviation_m=finite(trace.deviation_m),
+        remaining_m=finite(trace.remaining_m),
+        nearest_ahead_m=finite(trace.nearest_ahead_m),
         sonar_state=trace.sonar_state.value,
-        sonar_m=_number(trace.sonar_m),
-        speed_m_s=_number(speed_m_s(state.trail)),
+        sonar_m=finite(trace.sonar_m),
+        speed_m_s=finite(speed_m_s(state.trail)),
         last_cue=last_cue.text[:500] if last_cue is not None else "",
         last_cue_stamp_s=last_cue.stamp_s if last_cue is not None else None,
         cycle_ms=cycle.work_ms,
@@ -81,6 +86,12 @@ def walker_state(
         destination_id=state.destination_id,
         load_level=state.load_level.value,
         stages=stages,
+        trace=decision_view(guidance, cycle.scan, state.settings),
+        eye_m=None if cycle.scan is None else finite(cycle.scan.eye_m),
+        tilt_rad=_tilt_rad(cycle),
+        battery_percent=health.battery_percent,
+        is_charging=health.is_charging,
+        temperature_c=health.temperature_c,
     )
 
 
@@ -94,9 +105,11 @@ def _pose(located: Localization | None) -> tuple[float, float, float, float] | N
 def _position_std_m(located: Localization | None) -> float | None:
     if located is None or located.covariance is None:
         return None
-    return _number(math.sqrt(max(0.0, float(located.covariance[0, 0] + located.covariance[1, 1]))))
+    return finite(math.sqrt(max(0.0, float(located.covariance[0, 0] + located.covariance[1, 1]))))
 
 
-def _number(value: float | None) -> float | None:
-    """Return a plain, finite number: the console takes no others."""
-    return float(value) if value is not None and math.isfinite(value) else None
+def _tilt_rad(cycle: Cycle) -> float | None:
+    """Return how far the picture's up is from up: gravity tells it of every camera, whatever it looks at."""
+    if cycle.frame is not None and cycle.frame.gravity is not None:
+        return finite(math.acos(min(1.0, max(-1.0, float(cycle.frame.gravity[1])))))
+    return None if cycle.scan is None else finite(cycle.scan.tilt_rad)

@@ -90,6 +90,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, logged, make_localizer, store, options.device_id,
             hardware.apply, hardware.display, hardware.buttons, tap=tap, alive=notifier.alive,
+            host=hardware.host,
             # The simulated world waits for a slow loop.
             plans_load=not options.simulated, locating=InLine if options.simulated else Beside,
         )  # fmt: skip

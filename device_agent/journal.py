@@ -18,7 +18,8 @@ from pathlib import Path
 
 from device_agent.ports import EventKind
 from navcore.errors import InputError
-from navcore.wire import MAX_STAMP_S, Event
+from navcore.wire import Event
+from navcore.wire_trace import MAX_STAMP_S
 
 MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000

@@ -43,6 +43,7 @@ from navcore.types import (
     LocalizationQuality,
     ObstacleScan,
     Reason,
+    Rule,
     SonarReading,
 )
 
@@ -288,7 +289,8 @@ def _decide(
         paused=state.purpose is Mode.PAUSED, wanted=state.on_the_way, route_version=state.route_version,
     )  # fmt: skip
     if state.purpose is Mode.ARRIVED and guidance.reason is Reason.NO_ROUTE:
-        return replace(guidance, reason=Reason.ARRIVED, trace=replace(guidance.trace, rule="arrived before"))
+        trace = replace(guidance.trace, rule="arrived before", decided=Rule.ARRIVED_BEFORE)
+        return replace(guidance, reason=Reason.ARRIVED, trace=trace)
     return guidance
 
 
@@ -304,10 +306,11 @@ def _fresh_or_stop(
     age_s = now_s - guidance.stamp_s
     if not is_fresh(guidance.stamp_s, now_s, state.settings.watchdog.guidance_timeout_s):
         rule = f"The decision is {age_s:.2f} s old: too old to walk by."
-        return replace(state, failed_s=now_s), _stopped(guidance, rule)
+        return replace(state, failed_s=now_s), _stopped(guidance, Rule.DECISION_OLD, rule)
     fresh_for_s = now_s - max(state.failed_s, stale_s)
     if fresh_for_s < SETTLED_AFTER_S:
-        return state, _stopped(guidance, f"Fresh for {fresh_for_s:.1f} s of {SETTLED_AFTER_S:g} s since the failure.")
+        rule = f"Fresh for {fresh_for_s:.1f} s of {SETTLED_AFTER_S:g} s since the failure."
+        return state, _stopped(guidance, Rule.SETTLING, rule)
     return state, guidance
 
 
@@ -316,15 +319,15 @@ def _as_mounted(state: DeviceState, guidance: Guidance) -> Guidance:
     if not state.mounting.moved:
         return guidance
     reason = Reason.LOOKS_AWAY if state.mounting.by_posture else Reason.CAMERA_MOVED
-    return _stop_instead(guidance, reason, f"The camera has moved: {state.mounting.why}.")
+    return _stop_instead(guidance, reason, Rule.CAMERA_MOVED, f"The camera has moved: {state.mounting.why}.")
 
 
-def _stopped(guidance: Guidance, rule: str) -> Guidance:
-    return _stop_instead(guidance, Reason.SENSOR_STALE, rule)
+def _stopped(guidance: Guidance, decided: Rule, rule: str) -> Guidance:
+    return _stop_instead(guidance, Reason.SENSOR_STALE, decided, rule)
 
 
-def _stop_instead(guidance: Guidance, reason: Reason, rule: str) -> Guidance:
-    trace = replace(guidance.trace, rule=rule)
+def _stop_instead(guidance: Guidance, reason: Reason, decided: Rule, rule: str) -> Guidance:
+    trace = replace(guidance.trace, rule=rule, decided=decided)
     return replace(guidance, action=Action.STOP, direction=None, reason=reason, trace=trace)
 
 
@@ -355,7 +358,7 @@ def _as_allowed(state: DeviceState, guidance: Guidance) -> Guidance:
     if may_be_told(state.mode, guidance.action):
         return guidance
     rule = f"{guidance.action.value} is not told in the state {state.mode.value}"
-    return _stop_instead(guidance, Reason.OK, rule)
+    return _stop_instead(guidance, Reason.OK, Rule.NOT_ALLOWED, rule)
 
 
 def _after(state: DeviceState, now_s: float) -> tuple[DeviceState, tuple[Effect, ...]]:
@@ -367,7 +370,7 @@ def _after(state: DeviceState, now_s: float) -> tuple[DeviceState, tuple[Effect,
 
 def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) -> Outcome:
     """Off duty nobody is located, and no picture leaves the device; the camera is only kept awake."""
-    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "off duty")
+    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, Rule.OFF_DUTY, "off duty")
     cues = ports.voice.tell(state, guidance, ports.clock.now_s())
     state = replace(state, guidance=guidance, blind=False)
     return state, Cycle(frame.stamp_s, guidance, cues=cues, stage_ms=times.stage_ms), ()
@@ -377,7 +380,7 @@ def _mapping(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) 
     """Whoever records a map sees for themselves: nobody is located, and nothing but *Stop* can be told."""
     now_s = ports.clock.now_s()
     state, found = _health(state, now_s, now_s - max(state.failed_s, ports.stale_s()))
-    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, "a map is being recorded")
+    guidance = _stop(state, frame.stamp_s, Reason.NO_ROUTE, Rule.MAPPING, "a map is being recorded")
     cues = ports.voice.tell(state, guidance, now_s)
     back = (Happened("sensor", "The camera delivers again."), _to_helper(state, "map_picture", CueKind.MAP_NEWS))
     effects = (*back, *found) if state.blind else found
@@ -393,7 +396,7 @@ def _to_helper(state: DeviceState, key: str, kind: CueKind) -> Notice:
 def _blind(state: DeviceState, ports: Ports, why: str, times: StageTimer) -> Outcome:
     """The camera gave nothing: *Stop* and the reason; the next cycle asks it again."""
     now_s = ports.clock.now_s()
-    guidance = _stop(state, now_s, Reason.SENSOR_STALE, why)
+    guidance = _stop(state, now_s, Reason.SENSOR_STALE, Rule.NO_FRAME, why)
     told: tuple[Effect, ...] = () if state.blind else (Happened("sensor", why[:500]),)
     if told and state.purpose is Mode.MAPPING:
         told = (*told, _to_helper(state, "map_no_picture", CueKind.MAP_ADVICE))
@@ -407,7 +410,8 @@ def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: Stage
     """Something was raised that nobody expected: guidance is *Stop*, and the watchdog says so."""
     now_s = ports.clock.now_s()
     fault = f"{times.current} failed: {type(error).__name__}: {error}"[:500]
-    guidance = _stop(state, now_s, _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE), fault)
+    reason = _FAULT_REASONS.get(times.current, Reason.SENSOR_STALE)
+    guidance = _stop(state, now_s, reason, Rule.FAULT, fault)
     state, effects = happen(state, StateEvent.FAILED, now_s)
     state = replace(state, guidance=guidance, failed_s=now_s, trail=(), located=None, fixes=())
     return state, Cycle(now_s, guidance, frame, stage_ms=times.stage_ms, fault=fault), effects
@@ -416,11 +420,12 @@ def _faulted(state: DeviceState, ports: Ports, frame: Frame | None, times: Stage
 _FAULT_REASONS = {"localize": Reason.POSE_LOST, "scan": Reason.DEPTH_INVALID}
 
 
-def _stop(state: DeviceState, now_s: float, reason: Reason, rule: str) -> Guidance:
+def _stop(state: DeviceState, now_s: float, reason: Reason, decided: Rule, rule: str) -> Guidance:
     """Stop, but remember the place on the route, and what the rangefinder did: it has not failed with the rest."""
     before = state.guidance.trace if state.guidance is not None else DecisionTrace()
     trace = DecisionTrace(
         sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index,
         sonar_state=before.sonar_state, sure_count=before.sure_count, fastest_m_s=before.fastest_m_s, rule=rule,
+        decided=decided,
     )  # fmt: skip
     return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

@@ -175,6 +175,27 @@ class LocalizerPort(Protocol):
         ...
 
 
+@dataclass(frozen=True, slots=True)
+class HostHealth:
+    """How the machine in the glasses, or in the pocket, is doing; None for what it does not tell."""
+
+    battery_percent: float | None = None
+    is_charging: bool | None = None
+    """Whether the battery is being charged, or full on the charger."""
+    temperature_c: float | None = None
+    """Of the hottest part that is measured."""
+
+
+class HostMonitor(Protocol):
+    """Battery and temperature. Looking at them may take long, so it is done beside the loop."""
+
+    def read(self) -> HostHealth:
+        """Return what was found last, without waiting; what could not be read is None."""
+        ...
+
+    def close(self) -> None: ...
+
+
 class Uplink(Protocol):
     """Where the loop leaves what the console shall know. No method waits for the network, or for the disk."""
 

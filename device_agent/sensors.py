@@ -6,7 +6,8 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from device_agent.adapters.fakes import NoButtons, NoSonar
+from device_agent.adapters.fakes import FakeHost, NoButtons, NoSonar
+from device_agent.adapters.linux_host import LinuxHost
 from device_agent.adapters.newest_frame import NewestFrameCamera
 from device_agent.adapters.outputs import TeeOutput, TextOutput
 from device_agent.adapters.recorded import RecordedCamera
@@ -15,7 +16,7 @@ from device_agent.adapters.reopening import Reopening
 from device_agent.adapters.waiting_cues import ThreadedOutput
 from device_agent.calibration_store import CalibrationStore
 from device_agent.device_options import DeviceOptions
-from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, Sonar
+from device_agent.ports import Buttons, Clock, CueOutput, DepthCamera, DisplayOutput, HostMonitor, Sonar
 from device_agent.sensor_names import SensorName
 from device_agent.simulation.pace import PacedCamera, PacedClock
 from navcore.errors import InputError
@@ -37,6 +38,8 @@ class Hardware:
     buttons: Buttons = field(default_factory=NoButtons)
     newest: NewestFrameCamera | None = None
     """The part of the camera that waits for frames, where there is one."""
+    host: HostMonitor = field(default_factory=FakeHost)
+    """Battery and temperature; of simulated glasses nothing is known."""
 
     def apply(self, settings: Settings) -> None:
         """Run other settings from now on."""
@@ -65,7 +68,9 @@ def open_hardware(options: DeviceOptions, settings: Settings, clock: Clock, stac
     stack.callback(newest.close)
     camera = _with_fisheye(options, newest, clock)
     stack.callback(camera.close)
-    return Hardware(camera, sonar, output, display, buttons, newest)
+    host = LinuxHost()
+    stack.callback(host.close)
+    return Hardware(camera, sonar, output, display, buttons, newest, host)
 
 
 def open_depth_camera(options: DeviceOptions, settings: Settings, clock: Clock) -> NewestFrameCamera:

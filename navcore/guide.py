@@ -56,6 +56,7 @@ from navcore.types import (
     Pose2D,
     Reason,
     Route,
+    Rule,
     SonarReading,
     TurnKind,
 )
@@ -96,6 +97,18 @@ _MAX_DETOUR_RAD = math.radians(75.0)
 
 
 @dataclass(frozen=True, slots=True)
+class _Why:
+    """The check that decides, and its result in a few words."""
+
+    rule: Rule
+    words: str
+
+    def then(self, words: str) -> _Why:
+        """Return it with what follows from it."""
+        return _Why(self.rule, f"{self.words}: {words}")
+
+
+@dataclass(frozen=True, slots=True)
 class _Cycle:
     """What every step of one cycle may look at."""
 
@@ -106,31 +119,33 @@ class _Cycle:
     settings: Settings
     route_version: int
 
-    def stop(self, reason: Reason, trace: DecisionTrace, rule: str) -> Guidance:
-        return self._result(Action.STOP, None, reason, trace, rule)
+    def stop(self, reason: Reason, trace: DecisionTrace, why: _Why) -> Guidance:
+        return self.result(Action.STOP, None, reason, trace, why)
 
-    def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+    def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
-        return self._result(Action.TURN, direction, reason, replace(trace, turn=kind), rule)
+        return self.result(Action.TURN, direction, reason, replace(trace, turn=kind), why)
 
-    def turn_along(self, error: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+    def turn_along(self, error: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
         before = None if self.previous is None or self.previous.trace.turn not in _TO_THE_ROUTE else self.previous
         kind, side = turn_to_route(
             error, None if before is None else before.trace.turn, None if before is None else before.direction,
             trace.lost_turning_rad,
         )  # fmt: skip
-        rule = f"the route leads behind: turn around ({rule})" if kind is TurnKind.AROUND else rule
-        return self.turn(kind, side, replace(trace, optimal=None), rule)
+        if kind is TurnKind.AROUND:
+            why = replace(why, words=f"the route leads behind: turn around ({why.words})")
+        return self.turn(kind, side, replace(trace, optimal=None), why)
 
-    def walk(self, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+    def walk(self, direction: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
-        return self._result(Action.WALK, direction, reason, trace, rule)
+        return self.result(Action.WALK, direction, reason, trace, why)
 
-    def _result(
-        self, action: Action, direction: RelativeAngle | None, reason: Reason, trace: DecisionTrace, rule: str
+    def result(
+        self, action: Action, direction: RelativeAngle | None, reason: Reason, trace: DecisionTrace, why: _Why
     ) -> Guidance:
-        return Guidance(self.stamp_s, action, direction, reason, replace(trace, rule=rule), self.route_version)
+        trace = replace(trace, rule=why.words, decided=why.rule)
+        return Guidance(self.stamp_s, action, direction, reason, trace, self.route_version)
 
 
 def guide(
@@ -166,21 +181,22 @@ def guide(
     )  # fmt: skip
     trace = _sensed(cycle, localization)
     if paused:
-        return cycle.stop(Reason.PAUSED, _remembered(cycle, trace), "guidance is paused")
+        return cycle.stop(Reason.PAUSED, _remembered(cycle, trace), _Why(Rule.PAUSED, "guidance is paused"))
     if route is None and wanted:
-        return _lost(cycle, trace, "where the way begins is not known yet")
+        return _lost(cycle, trace, _Why(Rule.START_UNKNOWN, "where the way begins is not known yet"))
     if route is None:
-        return cycle.stop(Reason.NO_ROUTE, trace, "no destination is set, or no way leads there")
+        why = _Why(Rule.NO_ROUTE, "no destination is set, or no way leads there")
+        return cycle.stop(Reason.NO_ROUTE, trace, why)
     pose = localization.pose
     if pose is None or localization.quality is LocalizationQuality.LOST or not _is_finite(pose):
-        return _lost(cycle, trace, "the pose is lost")
+        return _lost(cycle, trace, _Why(Rule.POSE_LOST, "the pose is lost"))
     uncertain = localization.quality is LocalizationQuality.UNCERTAIN
     if uncertain and trace.sure_count is not None:
-        return _lost(cycle, trace, "the pose was lost and is not certain again")
+        return _lost(cycle, trace, _Why(Rule.NOT_SURE_AGAIN, "the pose was lost and is not certain again"))
     if trace.uncertain_since_s is not None and (
         stamp_s - trace.uncertain_since_s > settings.localization.uncertain_hold_s
     ):
-        return _lost(cycle, trace, "the pose has been uncertain for too long")
+        return _lost(cycle, trace, _Why(Rule.UNCERTAIN_TOO_LONG, "the pose has been uncertain for too long"))
     return _follow(cycle, route, pose, trace)
 
 
@@ -188,7 +204,8 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     """Eqs. 1–3, and what needs no free space."""
     follower, before = cycle.settings.follower, cycle.previous
     if before is not None and before.reason is Reason.ARRIVED:
-        return cycle.stop(Reason.ARRIVED, replace(trace, sub_goal=before.trace.sub_goal), "arrived before")
+        remembered = replace(trace, sub_goal=before.trace.sub_goal)
+        return cycle.stop(Reason.ARRIVED, remembered, _Why(Rule.ARRIVED_BEFORE, "arrived before"))
     # Who is not sure where they are is not led beside the road.
     known = cycle.scan if trace.uncertain_since_s is None else None
     there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, known, cycle.settings)
@@ -199,14 +216,17 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
         corner=corner_ahead(route, there.closest_index, there.goal, trace.speed_m_s, follower),
     )  # fmt: skip
     if has_arrived(there.goal, pose, follower):
-        return cycle.stop(Reason.ARRIVED, trace, f"case 3: nearer than {follower.arrival_distance_m:g} m")
+        why = _Why(Rule.ARRIVED, f"case 3: nearer than {follower.arrival_distance_m:g} m")
+        return cycle.stop(Reason.ARRIVED, trace, why)
     error = relative_to(there.expected, pose.heading)
     look = None if before is None else before.trace.look_target
     if look is not None and abs(relative_to(look, pose.heading)) > math.radians(follower.turn_settled_deg / 2):
         looking = replace(trace, look_target=look)
-        return cycle.turn(TurnKind.LOOK, relative_to(look, pose.heading), looking, "look aside for a way round")
+        why = _Why(Rule.LOOKS_ASIDE, "look aside for a way round")
+        return cycle.turn(TurnKind.LOOK, relative_to(look, pose.heading), looking, why)
     if _must_turn(cycle, error):
-        return cycle.turn_along(error, trace, "the expected direction is far to the side: turn on the spot")
+        why = _Why(Rule.FAR_ASIDE, "the expected direction is far to the side: turn on the spot")
+        return cycle.turn_along(error, trace, why)
     return _choose(cycle, pose, there, trace)
 
 
@@ -214,32 +234,38 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     """Depth checks, Eq. 4, Eq. 5."""
     settings, scan = cycle.settings, cycle.scan
     if not scan.valid_fraction >= settings.obstacle.min_valid_fraction:
-        return cycle.stop(Reason.DEPTH_INVALID, trace, f"only {scan.valid_fraction:.0%} of the depth image is valid")
+        why = _Why(Rule.DEPTH_INVALID, f"only {scan.valid_fraction:.0%} of the depth image is valid")
+        return cycle.stop(Reason.DEPTH_INVALID, trace, why)
     error = relative_to(there.expected, pose.heading)
-    best, required_m, rule = _optimal(cycle, pose.heading, there)
+    chosen = _optimal(cycle, pose.heading, there)
+    best, required_m = chosen.best, chosen.required_m
     is_narrow = required_m == _narrow_m(cycle) and there.offset_m == 0.0
     narrows = best is not None and is_narrow and not _may_be_narrow(cycle, trace)
-    trace = replace(trace, required_m=required_m, optimal=None if best is None else best.angle)
+    trace = replace(
+        trace, required_m=required_m, optimal=None if best is None else best.angle,
+        among=tuple(each.angle for each in chosen.among),
+    )  # fmt: skip
     # Who walks fast needs more than the stop distance to come to a stand.
     stop_m = max(settings.obstacle.stop_distance_m, _room_to_stop_m(cycle, trace))
-    if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
-        reason = _blocking_reason(cycle, 0.0)
-        return _before_obstacle(cycle, error, trace, reason, "nearer than the stop distance")
-    if trace.sonar_m is not None and trace.sonar_m < stop_m:
-        return _before_echo(cycle, error, trace, "echo nearer than the stop distance")
-    if best is None or narrows or best.clearance_m < stop_m:
-        reason = _blocking_reason(cycle, error)
-        return _before_obstacle(
-            cycle, error, trace, reason, f"D is empty: nothing is free for {trace.required_m:.1f} m"
-        )
     gate_m = required_clearance_m(there.reach_m, settings.obstacle, settings.gate.clearance_m)
     gate_m = min(gate_m, max(required_m, stop_m))
+    trace = replace(trace, stop_m=stop_m, gate_m=gate_m)
+    if trace.nearest_ahead_m is not None and trace.nearest_ahead_m < stop_m:
+        reason = _blocking_reason(cycle, 0.0)
+        return _before_obstacle(cycle, error, trace, reason, _Why(Rule.NEAR_AHEAD, "nearer than the stop distance"))
+    if trace.sonar_m is not None and trace.sonar_m < stop_m:
+        return _before_echo(cycle, error, trace, _Why(Rule.ECHO_NEAR, "echo nearer than the stop distance"))
+    if best is None or narrows or best.clearance_m < stop_m:
+        reason = _blocking_reason(cycle, error)
+        why = _Why(Rule.NOTHING_FREE, f"D is empty: nothing is free for {trace.required_m:.1f} m")
+        return _before_obstacle(cycle, error, trace, reason, why)
     direction = walking_direction(best.angle, cycle.sonar, gate_m, settings.gate)
     if direction is None or (_sounds_straight(cycle, direction) and not _is_open_ahead(cycle, gate_m)):
-        return _before_echo(cycle, error, trace, f"Eq. 5: echo nearer than {gate_m:.1f} m")
+        return _before_echo(cycle, error, trace, _Why(Rule.GATE_CLOSED, f"Eq. 5: echo nearer than {gate_m:.1f} m"))
     if _should_turn_first(cycle, direction, trace):
-        return cycle.turn(TurnKind.ASIDE, direction, trace, "something is near ahead: turn before the first step")
-    return _leave_stop(cycle, direction, trace, rule)
+        why = _Why(Rule.TURN_FIRST, "something is near ahead: turn before the first step")
+        return cycle.turn(TurnKind.ASIDE, direction, trace, why)
+    return _leave_stop(cycle, direction, trace, chosen.why)
 
 
 def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace) -> bool:
@@ -284,8 +310,20 @@ def _room_to_stop_m(cycle: _Cycle, trace: DecisionTrace) -> float:
     return _BODY_M + stopping_distance_m(then_m_s, slow_s) - (then_m_s - speed_m_s) / 2.0 * slow_s
 
 
-def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateDirection | None, float, str]:
-    """Return θ_opt, the clearance that was asked for, and the rule.
+@dataclass(frozen=True, slots=True)
+class _Choice:
+    """What Eq. 4 came to."""
+
+    best: CandidateDirection | None
+    """θ_opt."""
+    required_m: float
+    """The clearance that was asked for."""
+    among: tuple[CandidateDirection, ...]
+    why: _Why
+
+
+def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
+    """Return θ_opt, the clearance that was asked for, what it was chosen from, and the rule.
 
     Where nothing is free for δ, the paper stops. So does this, with a turn on the spot to where most is free; somebody
     who stands may then begin again with less than δ: in a corridor as wide as two people there is no direction round
@@ -313,11 +351,14 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> tuple[CandidateD
     if best is None and narrow_m < required_m:
         narrow = _towards(cycle, error, walkable(_directions(cycle), narrow_m))
         best = widest_direction(narrow, there.expected, heading)
-        return best, narrow_m, f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
+        words = f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
+        return _Choice(best, narrow_m, narrow, _Why(Rule.TO_WIDEST, words))
     if best is not None and settings.follower.policy == "road_centred":
         best = between_candidates(best, error, math.radians(settings.obstacle.candidate_step_deg))
-    corrects = needs_correction(there.deviation_m, error, settings.follower)
-    return best, required_m, f"Eq. 4: nearest to {'the expected direction' if corrects else 'straight ahead'}"
+    why = _Why(Rule.TO_STRAIGHT, "Eq. 4: nearest to straight ahead")
+    if needs_correction(there.deviation_m, error, settings.follower):
+        why = _Why(Rule.TO_EXPECTED, "Eq. 4: nearest to the expected direction")
+    return _Choice(best, required_m, heard or free, why)
 
 
 def _towards(
@@ -385,15 +426,15 @@ def _goes_round(cycle: _Cycle) -> bool:
     return before.action is Action.TURN or (before.trace.required_m or math.inf) <= _narrow_m(cycle)
 
 
-def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: str) -> Guidance:
+def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: _Why) -> Guidance:
     """No step forward. Turn on the spot to where a way is, or may be; stop where neither is so."""
     settings, before, heading = cycle.settings, cycle.previous, trace.heading
     if trace.optimal is not None and abs(trace.optimal) > math.radians(settings.obstacle.candidate_step_deg / 2):
-        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
+        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, why.then("turn to the free direction"))
     begun = _begun_aside(cycle, error, heading)
     if begun is not None:
         going_on = replace(trace, optimal=begun)
-        return cycle.turn(TurnKind.ASIDE, begun, going_on, f"{why}: the turn to the free direction goes on")
+        return cycle.turn(TurnKind.ASIDE, begun, going_on, why.then("the turn to the free direction goes on"))
     last_look = None if before is None else before.trace.look_target
     waits = trace.stopped_since_s is None or cycle.stamp_s - trace.stopped_since_s < LOOK_AFTER_S
     faces = abs(error) <= _look_threshold_rad(cycle)
@@ -401,9 +442,9 @@ def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, 
     if may_look and trace.expected is not None and heading is not None:
         target = look_target(trace.expected, cycle.scan, last_look, error, trace.look_count)
         looking = replace(trace, optimal=None, look_target=target, look_count=trace.look_count + 1)
-        return cycle.turn(TurnKind.LOOK, relative_to(target, heading), looking, f"{why}: look aside for a way round")
+        return cycle.turn(TurnKind.LOOK, relative_to(target, heading), looking, why.then("look aside for a way round"))
     if not faces:
-        return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
+        return cycle.turn_along(error, trace, why.then("turn to look where the route leads"))
     return cycle.stop(reason, trace, why)
 
 
@@ -423,12 +464,12 @@ def _begun_aside(cycle: _Cycle, error: RelativeAngle, heading: WorldAngle | None
     return begun
 
 
-def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: str) -> Guidance:
+def _before_echo(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
     """The rangefinder hears only what is in front, and not how wide it is: turn to where the route leads, or stop."""
     if abs(error) > _look_threshold_rad(cycle):
-        return cycle.turn_along(error, trace, f"{why}: turn to look where the route leads")
+        return cycle.turn_along(error, trace, why.then("turn to look where the route leads"))
     if trace.optimal is not None and not _sounds_straight(cycle, trace.optimal):
-        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, f"{why}: turn to the free direction")
+        return cycle.turn(TurnKind.ASIDE, trace.optimal, trace, why.then("turn to the free direction"))
     return cycle.stop(Reason.OBSTACLE_SONAR, trace, why)
 
 
@@ -436,7 +477,7 @@ def _is_open_ahead(cycle: _Cycle, gate_m: float) -> bool:
     return walking_direction(relative_angle(0.0), cycle.sonar, gate_m, cycle.settings.gate) is not None
 
 
-def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, rule: str) -> Guidance:
+def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
     """One frame suffices to stop; leaving a stop, or a turn before something in the way, takes several."""
     before = cycle.previous
     stopped = before is not None and before.action is Action.STOP and before.reason in _LEFT_SLOWLY
@@ -444,12 +485,13 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, r
         needed = cycle.settings.obstacle.leave_frames_count
         count = before.trace.free_frame_count + 1
         if count < needed:
-            waiting, why = replace(trace, free_frame_count=count), f"free for {count} of {needed} frames since the stop"
+            waiting = replace(trace, free_frame_count=count)
+            waits = _Why(Rule.FREE_FRAMES, f"free for {count} of {needed} frames since the stop")
             if stopped:
-                return cycle.stop(before.reason, waiting, why)
-            return cycle.turn(TurnKind.ASIDE, direction, waiting, why)
+                return cycle.stop(before.reason, waiting, waits)
+            return cycle.turn(TurnKind.ASIDE, direction, waiting, waits)
     going = replace(trace, stopped_since_s=None, look_count=0, lost_turning_rad=None)
-    return cycle.walk(direction, going, rule)
+    return cycle.walk(direction, going, why)
 
 
 def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
@@ -516,7 +558,7 @@ def _remembered(cycle: _Cycle, trace: DecisionTrace) -> DecisionTrace:
     return replace(trace, closest_index=before.closest_index, lost_index=before.lost_index, sub_goal=before.sub_goal)
 
 
-def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
+def _lost(cycle: _Cycle, trace: DecisionTrace, why: _Why) -> Guidance:
     """Stop, and remember only where on the route the walker was: they may be found again on another leg of it.
 
     Who stays lost is turned once round, on the spot: somebody who faces a wall sees nothing that the map could know.
@@ -530,7 +572,7 @@ def _lost(cycle: _Cycle, trace: DecisionTrace, why: str) -> Guidance:
     if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
         return cycle.stop(Reason.POSE_LOST, trace, why)
     trace = replace(trace, turn=TurnKind.LOOK)
-    return cycle._result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, f"{why}: look round for a known place")
+    return cycle.result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, why.then("look round for a known place"))
 
 
 def _lost_turning_rad(cycle: _Cycle) -> RelativeAngle | None:
@@ -563,6 +605,8 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         closing_m_s=float(cycle.scan.closing_m_s.max(initial=0.0)),
         sonar_state=cycle.sonar.state,
         sonar_m=echo_distance_m(cycle.sonar),
+        sonar_bearing_rad=cycle.sonar.bearing_rad,
+        valid_fraction=cycle.scan.valid_fraction,
         stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,
         look_count=0 if before is None else before.look_count,
         sure_count=sure_count,

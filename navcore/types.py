@@ -333,6 +333,8 @@ class ObstacleScan:
     """Bearings (m,) of what is remembered to be in the way, and not in the image."""
     unseen_m: FloatArray = field(default_factory=lambda: np.zeros(0))
     """Their distances (m,)."""
+    tilt_rad: float = math.nan
+    """Angle between the image's up and up, as far as the levelling tells: the camera's pitch and roll together."""
 
 
 # ---------------------------------------------------------------------------------------------------- guidance
@@ -425,6 +427,57 @@ class TurnKind(enum.Enum):
     """To look for a way round: the camera sees a third of what is ahead."""
 
 
+class Rule(enum.Enum):
+    """Which check decided a cycle, in the order in which they are made; what guidance then did is in its action."""
+
+    OFF_DUTY = "off_duty"
+    MAPPING = "mapping"
+    NO_FRAME = "no_frame"
+    """The camera gave nothing fresh."""
+    FAULT = "fault"
+    """Something was raised in the loop."""
+    PAUSED = "paused"
+    NO_ROUTE = "no_route"
+    START_UNKNOWN = "start_unknown"
+    """A destination is wanted, and it is not known yet where the way to it begins."""
+    POSE_LOST = "pose_lost"
+    NOT_SURE_AGAIN = "not_sure_again"
+    """The pose was lost, and is only uncertain since."""
+    UNCERTAIN_TOO_LONG = "uncertain_too_long"
+    ARRIVED_BEFORE = "arrived_before"
+    ARRIVED = "arrived"
+    LOOKS_ASIDE = "looks_aside"
+    """A look aside for a way round goes on."""
+    FAR_ASIDE = "far_aside"
+    """θ_exp is far to the side: it is turned to on the spot."""
+    DEPTH_INVALID = "depth_invalid"
+    NEAR_AHEAD = "near_ahead"
+    """Something is nearer than the stop distance."""
+    ECHO_NEAR = "echo_near"
+    """The rangefinder hears something nearer than the stop distance."""
+    NOTHING_FREE = "nothing_free"
+    """D is empty: no direction is free for what is required."""
+    GATE_CLOSED = "gate_closed"
+    """Eq. 5."""
+    TURN_FIRST = "turn_first"
+    """Something is near ahead of somebody who stands: the free direction is faced before the first step."""
+    FREE_FRAMES = "free_frames"
+    """Not enough frames in a row have shown the way free since the stop."""
+    TO_EXPECTED = "to_expected"
+    """Eq. 4: the candidate nearest to θ_exp."""
+    TO_STRAIGHT = "to_straight"
+    """Eq. 4: the candidate nearest to straight ahead."""
+    TO_WIDEST = "to_widest"
+    """Nothing is free for δ: the direction that is free farthest."""
+    CAMERA_MOVED = "camera_moved"
+    DECISION_OLD = "decision_old"
+    """Deciding took too long: the decision is of a place where the walker no longer is."""
+    SETTLING = "settling"
+    """All works again, not for long enough yet."""
+    NOT_ALLOWED = "not_allowed"
+    """The state of the device allows no such action."""
+
+
 @dataclass(frozen=True, slots=True)
 class CornerAhead:
     """The next corner of the route at which the walker will be turned on the spot."""
@@ -498,6 +551,18 @@ class DecisionTrace:
     """Since when the pose has not been sure; None while it is."""
     rule: str = ""
     """The rule that decided, in a few words."""
+    decided: Rule | None = None
+    """The check that decided; None in recordings that are older than this field."""
+    among: tuple[RelativeAngle, ...] = ()
+    """Those of D that are free as far as was required and lead where the walker is to go: θ_opt is one of them."""
+    stop_m: float | None = None
+    """Nothing may be nearer than this ahead; None where that was not looked at."""
+    gate_m: float | None = None
+    """An echo must be farther than this for the gate to open (Eq. 5); None where it was not asked."""
+    sonar_bearing_rad: float = 0.0
+    """Where the rangefinder looks, to the left of the camera."""
+    valid_fraction: float | None = None
+    """Share of the depth image's pixels that carry a depth, 0–1; None where no image was looked at."""
 
     @property
     def speed_m_s(self) -> float:

@@ -18,12 +18,14 @@ from navcore.errors import VersionError, WireError
 from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
+from navcore.wire_trace import DecisionTraceView, Finite, WireCandidate
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
 3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told;
 a state tells how long the loop's stages take, and what is left out where they take too long.
 4: map walks are begun and ended from the console, and what is seen of the building is told.
+6: the whole decision trace, battery and temperature; who watches, what is shared, colour on request.
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
@@ -36,8 +38,6 @@ Point2 = tuple[float, float]
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 """As far as every database and language in use counts exactly."""
-MAX_STAMP_S = 1e12
-Finite = Annotated[float, msgspec.Meta(ge=-MAX_STAMP_S, le=MAX_STAMP_S)]
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
@@ -57,13 +57,6 @@ class Hello(_Message, frozen=True, tag="hello"):
     settings_revision: Count
     now_s: Finite
     """The device's clock as it sends this."""
-
-
-class WireCandidate(msgspec.Struct, frozen=True, array_like=True):
-    """One candidate direction."""
-
-    angle_rad: float
-    clearance_m: float
 
 
 class StageSummary(msgspec.Struct, frozen=True, array_like=True):
@@ -114,6 +107,17 @@ class WalkerState(_Message, frozen=True, tag="state"):
     load_level: Literal["full", "fewer_features", "half_rate"] = "full"
     """What is left out because the device is too slow."""
     stages: Annotated[tuple[StageSummary, ...], msgspec.Meta(max_length=16)] = ()
+    trace: DecisionTraceView | None = None
+    """How the decision came about; None in recordings that are older than this field."""
+    eye_m: Finite | None = None
+    """Height of the camera above the floor, as the depth image shows it; None where no floor is found."""
+    tilt_rad: Finite | None = None
+    """Angle between the picture's up and up, by gravity, else by the depth image; None where neither tells."""
+    battery_percent: Finite | None = None
+    """None for a device without a battery, or one that does not tell."""
+    is_charging: bool | None = None
+    temperature_c: Finite | None = None
+    """Of the hottest part that the device measures; None where it measures none."""
 
 
 class DepthImage(_Message, frozen=True, tag="depth_image"):
@@ -314,7 +318,7 @@ _ROWS = (
     MessageRow(MapWalkRunning, _UP, 4, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
     MessageRow(Event, _UP, 2, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
-    MessageRow(WalkerState, _UP, 2, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(WalkerState, _UP, 6, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),

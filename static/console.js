@@ -10,11 +10,13 @@ import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
 import { attempt, toast } from "./toast.js";
 import { tourOnFirstVisit } from "./tour.js";
+import { TracePanel } from "./trace.js";
 import { Walker } from "./walker.js";
 
 const me = await start();
 const graph = new Graph(showGraph);
 const walker = new Walker();
+const trace = new TracePanel($("panel-trace"));
 let device = null;
 let wantedDevice = sessionStorage.getItem("device");
 let renaming = null;
@@ -38,6 +40,7 @@ function showLive(data, elapsed_s, linked) {
   $("panel").dataset.freshness = fresh;
   showFreshness(fresh);
   walker.show(device, { elapsed_s, age_s, fresh, poi: (id) => graph.poi(id) });
+  trace.show(device, { elapsed_s, fresh });
   showButtons(linked);
   showCommands(device ? device.commands.filter(({ kind }) => kind !== "apply_settings").slice(-3) : []);
   showVersions({

@@ -32,8 +32,8 @@ from navcore.wire import (
     SetDestination,
     SettingsRunning,
     WalkerState,
-    WireCandidate,
 )
+from navcore.wire_trace import WireCandidate
 
 
 def state_at(stamp_s: float, x_m: float = 2.0, y_m: float = 0.5, heading_rad: float = 0.0) -> WalkerState:

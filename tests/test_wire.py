@@ -15,6 +15,7 @@ from navcore.planning.poi_graph import Poi, PoiGraph
 from navcore.wire_pace import BURST_S, Allowance, Pace
 from navcore.wire_page import link_markdown
 from navcore.wire_row import Direction
+from navcore.wire_trace import DecisionLimits, DecisionTraceView, WireCandidate, WireCorner, WireScan
 
 UP: list[wire.DeviceMessage] = [
     wire.Hello(wire.PROTOCOL_VERSION, "glasses-1", "0.1.0", "site", "abc", 3, 0, 12.5),
@@ -22,8 +23,15 @@ UP: list[wire.DeviceMessage] = [
     wire.WalkerState(
         2.0, "localized", "walk", "ok", "Eq. 4",
         (1.0, 2.0, 1.6, 0.3), 0.02, 80, 0.1, 0.4, (3.0, 2.0), 1,
-        (wire.WireCandidate(0.1, 3.0),), 0.2, 5.0, None, "ok", 3.2, 0.8,
+        (WireCandidate(0.1, 3.0, True),), 0.2, 5.0, None, "ok", 3.2, 0.8,
         "Move forward.", 1.9, 8.0, 10.0, Mode.GUIDING, "bar",
+        trace=DecisionTraceView(
+            "to_expected", "along", 0.1, 3.0, 0.2, -0.3, 1, 2.0, 3.0, None, 0.5, WireCorner(2.0, -1.5, 0.4),
+            True, 0.01, 0.9,
+            DecisionLimits(0.8, 2.0, 3.0, 0.7, 0.13, 1.0, 0.5, 0.7, 0.17, 1.0, 3.0, 0.3, 3),
+            WireScan(-0.6, 0.017, (0, 1, 2, 3, 4), (0, 123, 250, 0, 140), ((-90, 80),)),
+        ),
+        eye_m=1.6, tilt_rad=0.2, battery_percent=80.0, is_charging=False, temperature_c=51.5,
     ),
     wire.DepthImage(2.0, b"\xff\xd8"),
     wire.RouteChanged(2.0, ((0.0, 0.0), (0.1, 0.0)), (("Bar", 0.1),), "bar"),

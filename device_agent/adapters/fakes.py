@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 
-from device_agent.ports import ButtonPress, Clock, EventKind, KeptMessage
+from device_agent.ports import ButtonPress, Clock, EventKind, HostHealth, KeptMessage
 from navcore.cues.overlay import Overlay
 from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
@@ -235,6 +235,20 @@ class FakeLocalizer:
 
     def apply(self, settings: Settings) -> None:
         """There is nothing to set."""
+
+
+class FakeHost:
+    """A machine that is as it is told to be; without anything told, one that measures nothing."""
+
+    def __init__(self, health: HostHealth | None = None) -> None:
+        self.health = health or HostHealth()
+
+    def read(self) -> HostHealth:
+        """Return what was told."""
+        return self.health
+
+    def close(self) -> None:
+        """There is nothing to close."""
 
 
 class FakeUplink:

@@ -12,6 +12,7 @@ from collections.abc import Callable
 from email.utils import parsedate_to_datetime
 from pathlib import Path
 
+from device_agent.adapters.linux_host import THERMAL, hottest_c
 from device_agent.device_store import DeviceStore
 from device_agent.doctor.findings import Finding, as_finding, failed, ok, warning
 from device_agent.state_health import damages, largest_folders, refuse_unwritable
@@ -152,19 +153,17 @@ def _offset_s(date: str, now_s: float) -> float | None:
         return None
 
 
-def check_system(
-    meminfo: Path = Path("/proc/meminfo"), thermal: Path = Path("/sys/class/thermal"), load: float | None = None
-) -> Finding:
+def check_system(meminfo: Path = Path("/proc/meminfo"), thermal: Path = THERMAL, load: float | None = None) -> Finding:
     """Look at free memory, load and temperature."""
     free, cores = _available_bytes(meminfo), os.cpu_count() or 1
     load = os.getloadavg()[0] if load is None else load
-    hottest_c = _hottest_c(thermal)
-    heat = "" if hottest_c is None else f", {hottest_c:.0f} °C"
+    hottest = hottest_c(thermal)
+    heat = "" if hottest is None else f", {hottest:.0f} °C"
     memory = "memory unknown" if free is None else f"{free / (1 << 20):.0f} MiB free"
     found = f"{memory}, load {load:.1f} on {cores} cores{heat}"
     if free is not None and free < _NO_MEMORY_BYTES:
         return failed(found, f"end other programs before this one is ended for lack of memory; {_LISTS_MEMORY}")
-    if hottest_c is not None and hottest_c > _TOO_HOT_C:
+    if hottest is not None and hottest > _TOO_HOT_C:
         return failed(found, "let it cool down: the processor is being slowed")
     advice = []
     if free is None:
@@ -173,7 +172,7 @@ def check_system(
         advice.append(f"end programs that take memory; {_LISTS_MEMORY}")
     if load > 1.5 * cores:
         advice.append(f"end programs that take the processor; {_LISTS_LOAD}")
-    if (hottest_c or 0.0) > _HOT_C:
+    if (hottest or 0.0) > _HOT_C:
         advice.append("let it cool down: take it out of the sun and out of its bag")
     return warning(found, "; ".join(advice)) if advice else ok(found)
 
@@ -184,11 +183,3 @@ def _available_bytes(meminfo: Path) -> int | None:
             if line.startswith("MemAvailable:"):
                 return int(line.split()[1]) * 1024
     return None
-
-
-def _hottest_c(folder: Path) -> float | None:
-    readings = []
-    for path in folder.glob("thermal_zone*/temp"):
-        with contextlib.suppress(OSError, ValueError):
-            readings.append(int(path.read_text(encoding="ascii")) / 1000.0)
-    return max(readings, default=None)

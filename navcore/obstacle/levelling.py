@@ -42,6 +42,11 @@ class Levelling:
     height_m: float
     """Height of the camera above the floor."""
 
+    @property
+    def tilt_rad(self) -> float:
+        """Angle between the image's up (−y of the camera) and up."""
+        return math.acos(min(1.0, max(-1.0, -float(self.level_from_camera[2, 1]))))
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Expected:

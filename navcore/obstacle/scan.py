@@ -81,7 +81,7 @@ def scan_levelled(
         bearing_rad, nearest_m, state,
         candidate_directions(bearing_rad, nearest_m, state, settings, MAX_RANGE_M),
         grid.valid_fraction, ahead_m if ahead_m < MAX_RANGE_M else None,
-        top_m, grid.steepest[seen], levelling.height_m,
+        top_m, grid.steepest[seen], levelling.height_m, tilt_rad=levelling.tilt_rad,
     )  # fmt: skip
 
 

@@ -26,6 +26,7 @@ from console import (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
     pages,
 )
 from console.errors import BadRequestError, ConsoleError, NotFoundError
@@ -46,6 +47,7 @@ _ROUTES = (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
 )
 
 

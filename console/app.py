@@ -28,6 +28,7 @@ from console import (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
     pages,
 )
 from console.errors import BadRequestError, ConsoleError, NotFoundError
@@ -50,6 +51,7 @@ _ROUTES = (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
 )
 
 

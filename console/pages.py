@@ -17,6 +17,7 @@ PAGES = {
     "/signin": "signin.html",
     "/first": "first.html",
     "/": "console.html",
+    "/overview": "overview.html",
     "/pois": "pois.html",
     "/versions": "versions.html",
     "/checks": "checks.html",

@@ -29,28 +29,19 @@ from navcore.modes import Mode
 from navcore.wire import Hello, WalkerState
 
 
-class FullState(WalkerState, frozen=True, tag="state"):
-    """A state of a device that tells all that alerts look at."""
-
-    battery_percent: float | None = None
-    temperature_c: float | None = None
-    floor_eye_m: float | None = None
-    tilt_rad: float | None = None
-
-
 def seen(*, silent_s: float = 0.1, was_led: bool = True, **changes: Any) -> Observation:
     values: dict[str, Any] = {
         "stamp_s": 0.0, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING,
         "destination_id": "b", "deviation_m": 0.2, "speed_m_s": 0.8, "sonar_state": "no_echo",
-        "battery_percent": 80.0, "temperature_c": 50.0, "floor_eye_m": 1.6, "tilt_rad": 0.2,
+        "battery_percent": 80.0, "temperature_c": 50.0, "eye_m": 1.6, "tilt_rad": 0.2,
     }  # fmt: skip
-    return Observation(FullState(**(values | changes)), silent_s, was_led)
+    return Observation(WalkerState(**(values | changes)), silent_s, was_led)
 
 
 FINE = seen()
 BAD: tuple[tuple[AlertKind, Observation, str], ...] = (
-    ("fall_suspected", seen(floor_eye_m=0.6), "Ada may have fallen: eyes above the floor 0.6 m."),
-    ("fall_suspected", seen(floor_eye_m=None, tilt_rad=math.radians(-80)), "fallen: tilt of the head 80°."),
+    ("fall_suspected", seen(eye_m=0.6), "Ada may have fallen: eyes above the floor 0.6 m."),
+    ("fall_suspected", seen(eye_m=None, tilt_rad=math.radians(-80)), "fallen: tilt of the head 80°."),
     ("link_lost", Observation(None, 7.2, True), "Nothing new from Ada for 7 s, and somebody was being led."),
     ("device_fault", seen(mode=Mode.FAULT, reason="sensor_stale"), "A sensor has stopped delivering."),
     ("battery_empty", seen(battery_percent=7.6), "The battery of Ada is at 8 %."),
@@ -91,9 +82,9 @@ def test_what_is_stale_raises_nothing_else_and_ends_nothing(kind: AlertKind) -> 
 
 def test_a_figure_that_is_missing_ends_nothing() -> None:
     rule = RULES["fall_suspected"]
-    assert judge(rule, seen(floor_eye_m=None), was_holding=True).verdict is Verdict.UNKNOWN
-    assert judge(rule, seen(floor_eye_m=None), was_holding=False).verdict is Verdict.NORMAL
-    nothing = seen(floor_eye_m=None, tilt_rad=math.nan)
+    assert judge(rule, seen(eye_m=None), was_holding=True).verdict is Verdict.UNKNOWN
+    assert judge(rule, seen(eye_m=None), was_holding=False).verdict is Verdict.NORMAL
+    nothing = seen(eye_m=None, tilt_rad=math.nan)
     assert judge(rule, nothing, was_holding=False).verdict is Verdict.UNKNOWN
 
 

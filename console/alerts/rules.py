@@ -183,14 +183,15 @@ def _reason(state: WalkerState) -> Reason | None:
         return None
 
 
-def _told(seen: Observation, field: str) -> float | None:
-    """Return a figure that devices of this version may tell, or may not be able to."""
-    value = getattr(seen.state, field, None)
-    return float(value) if isinstance(value, (int, float)) else None
+def _of_state(
+    field: Literal["eye_m", "battery_percent", "temperature_c", "deviation_m", "speed_m_s"],
+) -> Callable[[Observation], float | None]:
+    """Return what reads a figure of the state; None where the device does not tell it."""
+    return lambda seen: None if seen.state is None else getattr(seen.state, field)
 
 
 def _tilt_deg(seen: Observation) -> float | None:
-    tilt_rad = _told(seen, "tilt_rad")
+    tilt_rad = None if seen.state is None else seen.state.tilt_rad
     return None if tilt_rad is None else math.degrees(abs(tilt_rad))
 
 
@@ -208,6 +209,10 @@ def _sonar_gap_m(seen: Observation) -> float | None:
 
 def _is_worn(seen: Observation) -> bool:
     return seen.state is not None and seen.state.mode not in (Mode.OFF_DUTY, Mode.MAPPING)
+
+
+def _is_worn_unplugged(seen: Observation) -> bool:
+    return _is_worn(seen) and seen.state is not None and not seen.state.is_charging
 
 
 def _is_guiding(seen: Observation) -> bool:
@@ -243,7 +248,7 @@ _TABLE = (
         "{name} may have fallen: {what} {value}.",
         "Speak to the walker now. Where nobody answers, send help to the place that the map shows.",
         (
-            Quantity("eyes above the floor", "m", 0.8, 1.0, lambda seen: _told(seen, "floor_eye_m")),
+            Quantity("eyes above the floor", "m", 0.8, 1.0, _of_state("eye_m")),
             Quantity("tilt of the head", "°", 65.0, 50.0, _tilt_deg),
         ),
     ),
@@ -261,10 +266,10 @@ _TABLE = (
         "Tell the walker to stay where they are, and have somebody with them before they go on.",
     ),
     Rule(
-        "battery_empty", "Battery nearly empty", Priority.HIGH, _is_worn, "the glasses are worn on duty", 5.0, 10.0,
-        "The battery of {name} is at {value}.",
+        "battery_empty", "Battery nearly empty", Priority.HIGH, _is_worn_unplugged,
+        "the glasses are worn on duty, and not charged", 5.0, 10.0, "The battery of {name} is at {value}.",
         "Lead the walker to the nearest place to sit, and have the glasses charged.",
-        (Quantity("battery", "%", 8.0, 12.0, lambda seen: _told(seen, "battery_percent")),),
+        (Quantity("battery", "%", 8.0, 12.0, _of_state("battery_percent")),),
     ),
     Rule(
         "position_lost", "Position lost", Priority.MEDIUM, _is_lost, "somebody is being led, and the position is lost",
@@ -282,32 +287,28 @@ _TABLE = (
         "off_road", "Off the road", Priority.MEDIUM, _is_guiding, "guiding", 3.0, 2.0,
         "{name} is {value} off the road.",
         "Watch whether the walker is led back. Where they are not, pause guidance and speak to them.",
-        (
-            Quantity(
-                "deviation", "m", 1.5, 1.0, lambda seen: None if seen.state is None else seen.state.deviation_m
-            ),
-        ),
+        (Quantity("deviation", "m", 1.5, 1.0, _of_state("deviation_m")),),
         escalate_after_s=120.0,
     ),
     Rule(
         "stalled", "Stalled", Priority.MEDIUM, _is_to_walk, "guiding, and told to walk", 15.0, 2.0,
         "{name} is told to walk, and moves at {value}.",
         "Ask the walker what holds them up; have the last sentence said again.",
-        (Quantity("speed", "m/s", 0.1, 0.25, lambda seen: None if seen.state is None else seen.state.speed_m_s),),
+        (Quantity("speed", "m/s", 0.1, 0.25, _of_state("speed_m_s")),),
         escalate_after_s=120.0,
     ),
     Rule(
-        "battery_low", "Battery low", Priority.LOW, _is_worn, "the glasses are worn on duty", 10.0, 10.0,
-        "The battery of {name} is at {value}.",
+        "battery_low", "Battery low", Priority.LOW, _is_worn_unplugged,
+        "the glasses are worn on duty, and not charged", 10.0, 10.0, "The battery of {name} is at {value}.",
         "See that the walk ends before the battery does: about a fifth is left.",
-        (Quantity("battery", "%", 20.0, 25.0, lambda seen: _told(seen, "battery_percent")),),
+        (Quantity("battery", "%", 20.0, 25.0, _of_state("battery_percent")),),
         escalate_after_s=600.0,
     ),
     Rule(
         "too_hot", "Too hot", Priority.LOW, _is_always, "whenever the device tells it", 10.0, 10.0,
         "{name} is at {value}.",
         "Let the walker rest, out of the sun. A hot device gets slow, and one that is too slow stops the walker.",
-        (Quantity("temperature", "°C", 80.0, 72.0, lambda seen: _told(seen, "temperature_c")),),
+        (Quantity("temperature", "°C", 80.0, 72.0, _of_state("temperature_c")),),
         escalate_after_s=600.0,
     ),
     Rule(

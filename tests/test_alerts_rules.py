@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from console.alerts import lifecycle
@@ -139,6 +139,7 @@ def played(events: list[tuple[Any, float]], rule: Rule = RULE) -> list[tuple[Lif
     return course
 
 
+@settings(deadline=None)
 @given(st.lists(acts, max_size=40))
 def test_an_alert_ends_only_by_an_acknowledgement_and_never_without_a_trace(events: list[tuple[Any, float]]) -> None:
     before, acknowledged = Life(), False
@@ -153,6 +154,7 @@ def test_an_alert_ends_only_by_an_acknowledgement_and_never_without_a_trace(even
         before = life
 
 
+@settings(deadline=None)
 @given(st.lists(acts, max_size=40))
 def test_what_is_unknown_raises_nothing_and_returns_nothing(events: list[tuple[Any, float]]) -> None:
     before = Life()
@@ -163,6 +165,7 @@ def test_what_is_unknown_raises_nothing_and_returns_nothing(events: list[tuple[A
         before = life
 
 
+@settings(deadline=None)
 @given(st.lists(acts, max_size=40))
 def test_a_shelf_ends_by_itself_and_what_holds_then_is_unacknowledged(events: list[tuple[Any, float]]) -> None:
     course = played(events)
@@ -175,6 +178,7 @@ def test_a_shelf_ends_by_itself_and_what_holds_then_is_unacknowledged(events: li
         assert later.phase is not Phase.SHELVED
 
 
+@settings(deadline=None)
 @given(st.lists(st.sampled_from([H, N, U]), min_size=1, max_size=60))
 def test_a_condition_that_chatters_is_raised_once(verdicts: list[Verdict]) -> None:
     course = played([(verdict, 1.0) for verdict in verdicts])

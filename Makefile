@@ -45,6 +45,7 @@ docs: install ## write the generated pages of docs/
 	@$(BIN)/vbr link --markdown > docs/link.md
 	@$(BIN)/vbr states --markdown > docs/states.md
 	@$(BIN)/vbr doctor --markdown > docs/doctor.md
+	@$(BIN)/vbr alerts --markdown > docs/alerts.md
 
 lock: install ## resolve the dependencies anew
 	@$(BIN)/python -m pip install --quiet uv

@@ -15,7 +15,9 @@ from fastapi.responses import JSONResponse, Response
 from starlette.exceptions import HTTPException
 
 from console import (
+    alerts_socket,
     api_accounts,
+    api_alerts,
     api_checks,
     api_devices,
     api_exchange,
@@ -26,6 +28,7 @@ from console import (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
     pages,
 )
 from console.errors import BadRequestError, ConsoleError, NotFoundError
@@ -35,7 +38,9 @@ from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
 _ROUTES = (
+    alerts_socket,
     api_accounts,
+    api_alerts,
     api_checks,
     api_devices,
     api_exchange,
@@ -46,6 +51,7 @@ _ROUTES = (
     api_versions,
     device_link,
     live_socket,
+    overview_socket,
 )
 
 

@@ -43,8 +43,22 @@ class FirstBody(_Body):
     password: Password
 
 
+class AcknowledgeBody(_Body):
+    """What somebody says who has seen an alert."""
+
+    note: Annotated[str, Field(max_length=300)] = ""
+
+
+class ShelveBody(_Body):
+    """For how long an alert is to keep silent, and why."""
+
+    minutes: Literal[5, 10, 15]
+    reason: Annotated[str, Field(min_length=1, max_length=300)]
+
+
 class ViewBody(_Body):
-    """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, or a device to show.
+    """What the page asks of the scene inside it: a place or a point of the floor to fly to, a device to show, or
+    where the camera is to go.
 
     ``kind`` and ``id`` name what is selected at the point.
     """
@@ -54,6 +68,7 @@ class ViewBody(_Body):
     kind: Literal["poi", "edge", "road"] | None = None
     id: Annotated[str, Field(max_length=64)] = ""
     follow: Annotated[str, Field(max_length=120)] | None = None
+    camera: Literal["walker", "overview"] | None = None
 
 
 class PresenceBody(_Body):

@@ -1,4 +1,7 @@
-"""``vbr console``: serve the console of a site; make device tokens; let an admin in who has no way in."""
+"""``vbr console``: serve the console of a site; make device tokens; let an admin in who has no way in.
+
+``vbr alerts``: what it alerts people to.
+"""
 
 from __future__ import annotations
 
@@ -47,6 +50,9 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     link = below.add_parser("admin-link", help="print a one-time link that makes one more admin")
     _add_places(link, argparse.SUPPRESS)
     link.set_defaults(run=run_admin_link)
+    alerts = subparsers.add_parser("alerts", help="list the alerts that the console raises, with their limits")
+    alerts.add_argument("--markdown", action="store_true", help="as the page of the docs")
+    alerts.set_defaults(run=run_alerts)
 
 
 def _add_token_command(below: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -155,6 +161,19 @@ def run_admin_link(arguments: argparse.Namespace) -> None:
     finally:
         store.close()
     sys.stdout.write(f"Open this on the console, within 48 hours:\n  /first?token={token}\n")
+
+
+def run_alerts(arguments: argparse.Namespace) -> None:
+    """Print the table of rules."""
+    from console.alerts.page import alerts_markdown
+    from console.alerts.rules import RULES
+
+    if arguments.markdown:
+        sys.stdout.write(alerts_markdown())
+        return
+    for rule in RULES.values():
+        limits = ", or ".join(f"{q.name} {q.side} {q.raise_at:g} {q.unit}" for q in rule.quantities)
+        sys.stdout.write(f"{rule.title} ({rule.priority.word}): {rule.when_words}{limits and ': ' + limits}\n")
 
 
 def config_of(arguments: argparse.Namespace) -> ConsoleConfig:

@@ -157,11 +157,13 @@ async def _receive_all(socket: WebSocket, services: Services, device_id: str, ou
     }
     try:
         while True:
-            message = decode_from_device(await _receive_bytes(socket))
+            data = await _receive_bytes(socket)
+            message = decode_from_device(data)
             allowance = allowances.get(type(message))
             if allowance is not None and not allowance.take(services.hub.now_s()):
                 raise WireError(_too_often(message))
             await _take(services, device_id, message, outlet)
+            services.incidents.heard(device_id, type(message), data)
     except WebSocketDisconnect:
         return
     except WireError as error:

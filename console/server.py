@@ -75,11 +75,13 @@ class ConsoleServer:
     def run(self, on_ready: Callable[[Ready], None] = lambda _: None) -> None:
         """Serve until stopped; ``on_ready`` is called once requests are taken. Must be the main thread for signals."""
         self._uvicorn.on_started = lambda: on_ready(self.ready)
+        self.services.alerts.start()
         try:
             self._uvicorn.run(sockets=[self._socket])
         finally:
             self._stop_scene()
             self._socket.close()
+            self.services.alerts.close()
             self.services.builds.close()
             self.services.surveys.close()
             self.services.checks.close()

@@ -5,6 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from console.accounts import Accounts
+from console.alerts.alert_store import AlertStore
+from console.alerts.alerts import Alerts
+from console.alerts.incidents import Incidents
 from console.checks import MapChecks
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
@@ -61,6 +64,12 @@ class Services:
     """What is measured in the map's cloud."""
     checks: MapChecks
     """What is wrong, or may be, with the draft."""
+    alerts: Alerts
+    """What somebody who watches must notice."""
+    alert_store: AlertStore
+    """Earlier alerts."""
+    incidents: Incidents
+    """What was heard of devices around alerts."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -92,6 +101,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         return [tuning.running_values(device) for device in hub.devices() if device.connected]
 
     checks = MapChecks(model, surveys, device_settings=device_settings)
+    alert_store = AlertStore(store)
+    incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
     return Services(
         config=config,
         store=store,
@@ -112,4 +123,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         sounds=Sounds(),
         surveys=surveys,
         checks=checks,
+        alerts=Alerts(hub, alert_store, incidents),
+        alert_store=alert_store,
+        incidents=incidents,
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 2
-"""2 added the names of versions."""
+SCHEMA_VERSION = 3
+"""2 added the names of versions. 3 added what the monitor keeps."""
 
 
 class Base(DeclarativeBase):
@@ -161,3 +161,52 @@ class AuditRow(Base):
     who: Mapped[str]
     action: Mapped[str]
     detail: Mapped[str]
+
+
+class AlertRow(Base):
+    """An alert of a device, from when it was raised until it is done with."""
+
+    __tablename__ = "alerts"
+    __table_args__ = (Index("alerts_by_time", "raised_at_s"),)
+    alert_id: Mapped[str] = mapped_column(primary_key=True)
+    device_id: Mapped[str] = mapped_column(index=True)
+    device_name: Mapped[str]
+    kind: Mapped[str]
+    priority: Mapped[int]
+    sentence: Mapped[str] = mapped_column(Text)
+    raised_at_s: Mapped[float]
+    is_active: Mapped[bool]
+    times: Mapped[int]
+    """How often its condition has come before the alert was done with."""
+    returned_at_s: Mapped[float | None]
+    acknowledged_at_s: Mapped[float | None]
+    acknowledged_by: Mapped[str]
+    note: Mapped[str] = mapped_column(Text)
+    shelved_until_s: Mapped[float | None]
+    shelved_by: Mapped[str]
+    shelf_reason: Mapped[str] = mapped_column(Text)
+    incident_id: Mapped[str]
+    closed_at_s: Mapped[float | None] = mapped_column(index=True)
+
+
+class AlertStepRow(Base):
+    """Something that happened to an alert."""
+
+    __tablename__ = "alert_steps"
+    id: Mapped[int] = mapped_column(primary_key=True)
+    alert_id: Mapped[str] = mapped_column(index=True)
+    at_s: Mapped[float]
+    what: Mapped[str]
+    """A value of :class:`console.alerts.lifecycle.Change`."""
+    who: Mapped[str]
+    """Empty where nobody did it."""
+    detail: Mapped[str] = mapped_column(Text)
+
+
+class LedRow(Base):
+    """A device that leads somebody: a console that is started anew knows that it must hear of it."""
+
+    __tablename__ = "devices_leading"
+    device_id: Mapped[str] = mapped_column(primary_key=True)
+    device_name: Mapped[str]
+    since_s: Mapped[float]

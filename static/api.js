@@ -72,6 +72,12 @@ export function signInAgain() {
   location.assign(`/signin?next=${encodeURIComponent(location.pathname)}`);
 }
 
+/** Whether the session is over, asked where a socket was refused: why is not told to scripts. */
+export async function isSignedOut() {
+  const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
+  return answer !== null && answer.status === 401;
+}
+
 /** Sign out for good. The console ends the live socket meanwhile, which must not lead to another page at the same time. */
 export async function signOut() {
   leaving = true;

@@ -1,6 +1,7 @@
 /* What all pages share: the header with the pages that there are for a role, who is signed in and who else is here, help,
  * and the way out. The header is there before the console has answered: it shows what was known last. */
 
+import { alertHead, watchAlerts } from "./alert-head.js";
 import { get, signOut } from "./api.js";
 import { $, el, setText } from "./dom.js";
 import { openHelp } from "./help.js";
@@ -27,6 +28,7 @@ export async function start() {
   const session = await get("/api/session");
   sessionStorage.setItem(KNOWN, JSON.stringify(session));
   show(session);
+  watchAlerts();
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role), mayMap: MAPPING.includes(session.role) };
 }
 
@@ -47,7 +49,7 @@ function build() {
     el("span", {}, el("span", { id: "user-name" }), " ", el("span", { class: "role", id: "user-role" })),
     el("button", { type: "button", class: "plain slim", id: "help", "aria-haspopup": "dialog", onclick: () => openHelp() }, "Help"),
     el("button", { type: "button", class: "plain slim", id: "sign-out", onclick: () => attempt(signOut) }, "Sign out"));
-  document.querySelector("header.top").append(brand, menu, nav, who);
+  document.querySelector("header.top").append(brand, menu, nav, alertHead(), who);
   document.querySelector("header.top").after(
     el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
   document.body.append(el("div", { class: "toasts", id: "toasts", role: "status", "aria-live": "polite" }));

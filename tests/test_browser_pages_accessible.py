@@ -26,8 +26,9 @@ FOCUS_IS_IN_TOUR = """
 () => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
 """
 PAGES = (
-    "/", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks",
-    "/settings", "/admin",
+    "/", "/overview", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange",
+    "/map-walks", "/settings",
+    "/alerts", "/admin",
 )  # fmt: skip
 
 

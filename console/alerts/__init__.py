@@ -1,0 +1,1 @@
+"""Alerts: what somebody who watches must notice, and what was heard of a device around it."""

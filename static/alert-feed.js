@@ -1,0 +1,60 @@
+/* The alerts of all devices as they come from the console, for whatever shows them on a page: one stream for all. */
+
+import { isSignedOut, signInAgain } from "./api.js";
+
+const RETRY_MS = [500, 1000, 2000, 4000];
+const SILENT_AFTER_S = 6;
+const TICK_MS = 500;
+const SIGNED_OUT = 4401;
+
+const listeners = new Set();
+let alerts = null;
+let receivedAt = performance.now(); // until then: when the page began to listen
+let failures = 0;
+let started = false;
+
+/** Call `show(alerts, elapsed_s, known)` at each message and twice a second: `alerts` is null before the first message, `elapsed_s` is how long
+ *  ago it came (add it to every age), and `known` is false once the console has gone silent: nobody knows then whether there are others. */
+export function onAlerts(show) {
+  listeners.add(show);
+  begin();
+  tell(show);
+}
+
+function begin() {
+  if (started) return;
+  started = true;
+  connect();
+  setInterval(tellAll, TICK_MS);
+}
+
+function connect() {
+  const scheme = location.protocol === "https:" ? "wss" : "ws";
+  const socket = new WebSocket(`${scheme}://${location.host}/live/alerts`);
+  let opened = false;
+  socket.onopen = () => { opened = true; failures = 0; };
+  socket.onmessage = ({ data }) => {
+    take(JSON.parse(data).alerts);
+  };
+  socket.onclose = async ({ code }) => {
+    if (code === SIGNED_OUT) return signInAgain();
+    if (!opened && (await isSignedOut())) return signInAgain();
+    setTimeout(connect, RETRY_MS[Math.min(failures++, RETRY_MS.length - 1)]);
+  };
+}
+
+/** Take in what the console says: on the stream, or in answer to what somebody did here. */
+export function take(fresh) {
+  alerts = fresh;
+  receivedAt = performance.now();
+  tellAll();
+}
+
+function tellAll() {
+  for (const show of listeners) tell(show);
+}
+
+function tell(show) {
+  const elapsed_s = (performance.now() - receivedAt) / 1000;
+  show(alerts, elapsed_s, alerts !== null && elapsed_s < SILENT_AFTER_S);
+}

@@ -1,0 +1,105 @@
+/* Alerts as sound, after IEC 60601-1-8: the more urgent, the more pulses, the faster and the higher. A browser lets a page sound only after
+ * somebody has pressed something on it, so whether it may is shown, and asked for again after each loading. */
+
+const WANTED = "alert-sound";
+/** Hz of each pulse, seconds from one to the next, seconds until it is heard again (null: once). */
+export const PATTERNS = {
+  high: { tones_hz: [523, 659, 784, 659, 784], step_s: 0.16, again_s: 10 },
+  medium: { tones_hz: [523, 659, 523], step_s: 0.28, again_s: 30 },
+  low: { tones_hz: [523], step_s: 0.5, again_s: null },
+};
+const LEVEL = 0.25;
+
+export class AlertSound {
+  /** `show(sound)` is called at each change of `state`: off, on, or waiting (wanted, but nobody has pressed anything on this page yet). */
+  constructor(show) {
+    this.show = show;
+    this.context = null;
+    this.wanted = localStorage.getItem(WANTED) === "on";
+    this.heard = 0;
+    this.last = "";
+    for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, () => { if (this.wanted) this.open(); }, { capture: true, passive: true });
+    if (this.wanted) this.open();
+    this.tell();
+  }
+
+  get state() {
+    if (!this.wanted) return "off";
+    return this.context?.state === "running" ? "on" : "waiting";
+  }
+
+  /** Switch it on or off; to be called by what somebody presses. */
+  async set(on) {
+    this.wanted = on;
+    localStorage.setItem(WANTED, on ? "on" : "off");
+    if (on) await this.open();
+    else await this.context?.suspend();
+    this.tell();
+  }
+
+  async open() {
+    this.context ??= this.made();
+    if (this.context.state !== "running") await this.context.resume().catch(() => {});
+    this.tell();
+  }
+
+  made() {
+    const context = new AudioContext();
+    context.addEventListener("statechange", () => this.tell());
+    return context;
+  }
+
+  tell() {
+    this.show(this);
+  }
+
+  /** Sound a priority, where sound is on; returns whether it was heard. */
+  play(priority) {
+    if (this.state !== "on") return false;
+    const { tones_hz, step_s } = PATTERNS[priority];
+    tones_hz.forEach((tone_hz, index) => this.pulse(tone_hz, this.context.currentTime + 0.03 + index * step_s, step_s * 0.7));
+    this.heard += 1;
+    this.last = priority;
+    this.tell();
+    return true;
+  }
+
+  pulse(tone_hz, at_s, length_s) {
+    const level = new GainNode(this.context, { gain: 0 });
+    const tone = new OscillatorNode(this.context, { type: "triangle", frequency: tone_hz });
+    level.gain.setValueAtTime(0, at_s);
+    level.gain.linearRampToValueAtTime(LEVEL, at_s + 0.015);
+    level.gain.setValueAtTime(LEVEL, at_s + length_s - 0.03);
+    level.gain.linearRampToValueAtTime(0, at_s + length_s);
+    tone.connect(level).connect(this.context.destination);
+    tone.start(at_s);
+    tone.stop(at_s + length_s);
+  }
+}
+
+/** When what is to be heard: the worst of what is new at once, and again while it waits for somebody. */
+export class SoundSchedule {
+  constructor() {
+    this.known = new Set();
+    this.heardAt_s = -Infinity;
+  }
+
+  /** Return the priority to sound now, or null. `alerts` are sorted as they come; `now_s` is any steady clock. */
+  next(alerts, now_s) {
+    const waiting = alerts.filter(({ phase }) => phase === "unacknowledged");
+    const keys = waiting.map(({ id, times, priority }) => `${id} ${times} ${priority}`);
+    const fresh = waiting.filter((_, index) => !this.known.has(keys[index]));
+    this.known = new Set(keys);
+    const due = waiting.filter(({ priority }) => PATTERNS[priority].again_s !== null && now_s - this.heardAt_s >= PATTERNS[priority].again_s);
+    const priority = worstOf(fresh) ?? worstOf(due);
+    if (priority !== null) this.heardAt_s = now_s;
+    return priority;
+  }
+}
+
+const RANKS = ["high", "medium", "low"];
+
+/** The most urgent priority among alerts; null for none. */
+export function worstOf(alerts) {
+  return RANKS.find((rank) => alerts.some(({ priority }) => priority === rank)) ?? null;
+}

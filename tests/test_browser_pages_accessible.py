@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import serving
 from playwright.sync_api import Browser, Page, expect
@@ -19,9 +18,6 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.site import Site, save_site
 
 pytestmark = pytest.mark.browser
-ALL_RULES = {"type": "tag", "values": ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]}
-COLOUR_RULES = {"type": "rule", "values": ["color-contrast", "link-in-text-block"]}
-"""Themes differ in colours alone (:func:`test_themes_differ_in_colours_alone`): a second one needs no other rules."""
 FOCUS_IS_IN_TOUR = """
 () => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
 """
@@ -51,26 +47,6 @@ def opened(page: Page, path: str) -> None:
     page.goto("about:blank")
     page.goto(path)
     expect(page.locator("body:not([inert])")).to_be_attached(timeout=60_000)
-
-
-def faults(page: Page, rules: dict[str, Any]) -> list[str]:
-    if not page.evaluate("() => 'axe' in window"):
-        page.evaluate(Axe().axe_script)
-    # What lies in the frame is viser's own page.
-    options = {"runOnly": rules, "resultTypes": ["violations"], "iframes": False}
-    asked = [{"exclude": [["iframe"]]}, options]
-    found = page.evaluate("async (asked) => (await axe.run(...asked)).violations", asked)
-    return [
-        f"{fault['id']}: {node['html'][:160]} {node['failureSummary']}" for fault in found for node in fault["nodes"]
-    ]
-
-
-def in_both_themes(page: Page, what: str) -> list[str]:
-    found = []
-    for theme, rules in (("light", ALL_RULES), ("dark", COLOUR_RULES)):
-        page.emulate_media(color_scheme=theme, reduced_motion="reduce")
-        found += [f"{what}, {theme}: {fault}" for fault in faults(page, rules)]
-    return found
 
 
 def test_themes_differ_in_colours_alone() -> None:

@@ -29,7 +29,7 @@ from device_agent.recording.messages import (
     StageTimesMessage,
 )
 from navcore.types import Guidance, SonarReading
-from navcore.wire import WalkerState
+from navcore.wire import RouteChanged, WalkerState
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,10 @@ POSE = Channel("/walker/pose", PoseInFrame, "Where the camera is in the map.", "
 OBSTACLES = Channel("/obstacles", LaserScan, "The nearest obstacle or drop in each bearing.", "each frame")
 ROAD = Channel("/road", SceneUpdate, "The virtual blind road and its places.", "at the beginning, and on change")
 ROUTE = Channel("/route", SceneUpdate, "The way that is walked.", "at the beginning, and on change")
+WAY = Channel(
+    "/device/route", RouteChanged, "The way that is walked, its destination and the places that it passes.",
+    "at the beginning, and on change",
+)  # fmt: skip
 ADVICE = Channel("/guidance/scene", SceneUpdate, "Sub-goal, and where guidance leads.", "each cycle")
 LOG = Channel("/log", Log, "Events, and every word that the walker heard.", "as they happen")
 GUIDANCE = Channel("/guidance", Guidance, "What guidance decided, with the whole decision trace.", "each cycle")
@@ -99,7 +103,8 @@ STAGES = Channel("/stages", StageTimesMessage, "How long each stage took.", "eac
 REPLAY = Channel("/replay/cycle", BytesValue, "All that a replay needs, to the last bit (msgpack).", "each cycle")
 
 CHANNELS: tuple[Channel, ...] = (
-    COLOUR, DEPTH, FISHEYE, CALIBRATION, FISHEYE_CALIBRATION, TRANSFORMS, POSE, OBSTACLES, ROAD, ROUTE, ADVICE, LOG,
+    COLOUR, DEPTH, FISHEYE, CALIBRATION, FISHEYE_CALIBRATION, TRANSFORMS, POSE, OBSTACLES, ROAD, ROUTE, WAY, ADVICE,
+    LOG,
     GUIDANCE, LOCALIZATION, SONAR, CUES, SETTINGS, DEVICE, ORDERS, STAGES, REPLAY,
 )  # fmt: skip
 """All of them."""

@@ -24,6 +24,7 @@ from console import (
     api_rehearsal,
     api_road,
     api_versions,
+    api_walks,
     device_link,
     live_socket,
     pages,
@@ -44,6 +45,7 @@ _ROUTES = (
     api_rehearsal,
     api_road,
     api_versions,
+    api_walks,
     device_link,
     live_socket,
 )

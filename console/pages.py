@@ -20,6 +20,7 @@ PAGES = {
     "/rehearse": "rehearse.html",
     "/exchange": "exchange.html",
     "/settings": "settings.html",
+    "/walks": "walks.html",
     "/map-walks": "map-walks.html",
     "/admin": "admin.html",
 }

@@ -229,6 +229,12 @@ class Recordings:
         """Return where something about a recording is kept beside it; it is deleted with it."""
         return self.folder / f"{sha256}.{what}"
 
+    def keep_beside(self, sha256: str, what: str, data: bytes) -> None:
+        """Keep something about a recording. Raises NotFoundError where it was deleted meanwhile, NoRoomError."""
+        with self._lock_of(sha256), _told_if_full():
+            self.named(sha256)
+            write_whole(self.companion(sha256, what), data)
+
     def delete_before(self, wall_s: float) -> int:
         """Delete the walks that were offered before this Unix time, and all that is kept about them; return how many.
 

@@ -54,6 +54,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/rehearse"): EVERYBODY,
     ("GET", "/exchange"): EVERYBODY,
     ("GET", "/settings"): EVERYBODY,
+    ("GET", "/walks"): EVERYBODY,
     ("GET", "/map-walks"): MAPPERS,
     ("GET", "/admin"): ADMINS,
     # Signing in and out.
@@ -104,6 +105,13 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
+    # Past walks of devices.
+    ("GET", "/api/walks"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}/instants"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}/depth.jpg"): EVERYBODY,
+    ("GET", "/api/walk-overlays"): EVERYBODY,
+    ("GET", "/api/walk-figures.csv"): EVERYBODY,
     # Map walks, and what was recorded of them.
     ("POST", "/api/devices/{device_id}/map-walk/begin"): MAPPERS,
     ("POST", "/api/devices/{device_id}/map-walk/end"): MAPPERS,

@@ -12,12 +12,13 @@ from google.protobuf.wrappers_pb2 import BytesValue
 from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
-from device_agent.recording import channels, exact, foxglove
+from device_agent.recording import channels, exact
 from device_agent.recording.notes import CycleNotes, FrameNotes, Opening
 from device_agent.recording.part_writer import LIBRARY, OPENING_CRC, OPENING_NAME, checksum
 from navcore.errors import InputError
 from navcore.types import FisheyeImage, Frame
 from navcore.walk_file import WalkFile
+from navcore.walk_messages import depths_of, pixels_of
 
 _PICTURES = frozenset({channels.COLOUR.topic, channels.DEPTH.topic, channels.FISHEYE.topic})
 
@@ -125,5 +126,5 @@ def _frame(notes: FrameNotes, pictures: dict[str, bytes]) -> Frame:
         ) from error
     fisheye = None
     if wide is not None and notes.fisheye_camera is not None and notes.fisheye_stamp_s is not None:
-        fisheye = FisheyeImage(notes.fisheye_stamp_s, foxglove.pixels_of(wide), notes.fisheye_camera)
-    return Frame(notes.stamp_s, foxglove.pixels_of(colour), foxglove.depths_of(depth), fisheye, notes.gravity)
+        fisheye = FisheyeImage(notes.fisheye_stamp_s, pixels_of(wide), notes.fisheye_camera)
+    return Frame(notes.stamp_s, pixels_of(colour), depths_of(depth), fisheye, notes.gravity)

@@ -13,14 +13,7 @@ from device_agent.orders import Lead, Order
 from device_agent.ports import ButtonPress, EventKind
 from device_agent.recording import channels, exact, foxglove
 from device_agent.recording.channels import Channel
-from device_agent.recording.messages import (
-    HeardCue,
-    OrderMessage,
-    PoseMessage,
-    SettingsMessage,
-    Speaker,
-    StageTimesMessage,
-)
+from device_agent.recording.messages import PoseMessage, StageTimesMessage
 from device_agent.recording.notes import Notepad, Opening
 from device_agent.state import DeviceState
 from device_agent.voice import VoiceMemory
@@ -30,6 +23,7 @@ from navcore.cues.table import Cue
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.types import Frame, Localization, Route
+from navcore.walk_messages import HeardCue, OrderMessage, SettingsMessage, Speaker
 
 Message = tuple[Channel, float, object]
 """Channel, stamp (s), and the value to be encoded."""

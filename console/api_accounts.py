@@ -9,6 +9,7 @@ from fastapi import FastAPI, Request, Response
 from console.accounts import SESSION_LONGEST_S, User
 from console.bodies import FirstBody, InviteBody, LinkBody, SignInBody, TokenBody, UserChangeBody
 from console.device_store import checked_name
+from console.pages import pages_for
 from console.requests import Visitor, json_response, link_to
 from console.security import cookie_name, set_session_cookie
 from console.services import Services
@@ -45,7 +46,14 @@ def _add_session_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/session")
     def session(visitor: Visitor) -> Response:
-        return json_response({"name": visitor.user_name, "role": visitor.role, "site": services.model.site.name})
+        return json_response(
+            {
+                "name": visitor.user_name,
+                "role": visitor.role,
+                "site": services.model.site.name,
+                "pages": pages_for(visitor.role),
+            }
+        )
 
     @app.post("/api/first/look")
     def look_at_link(body: LinkBody) -> Response:

@@ -20,7 +20,7 @@ from console.publishing import publish
 from console.requests import Visitor, json_response
 from console.roles import EDITING
 from console.services import Services
-from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
+from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ViewRequest
 from console.viewer.shortcuts import help_groups
 from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
@@ -77,8 +77,10 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
 
 def _view_request(body: ViewBody, services: Services) -> ViewRequest:
-    if sum(asked is not None for asked in (body.fly_to, body.point, body.follow)) != 1:
-        raise BadRequestError("Ask the scene for one thing: a place or a point to fly to, or a device to follow.")
+    if sum(asked is not None for asked in (body.fly_to, body.point, body.follow, body.camera)) != 1:
+        raise BadRequestError("Ask the scene for one thing: a place or a point to fly to, a device to show, or a camera.")
+    if body.camera is not None:
+        return MoveCamera(body.camera)
     if body.point is not None:
         return FlyToPoint(*body.point, (body.kind, body.id) if body.kind is not None and body.id else None)
     if body.fly_to is not None:

@@ -27,6 +27,7 @@ from console import (
     api_walks,
     device_link,
     live_socket,
+    overview_socket,
     pages,
 )
 from console.errors import BadRequestError, ConsoleError, NotFoundError
@@ -48,6 +49,7 @@ _ROUTES = (
     api_walks,
     device_link,
     live_socket,
+    overview_socket,
 )
 
 

@@ -44,7 +44,8 @@ class FirstBody(_Body):
 
 
 class ViewBody(_Body):
-    """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, or a device to show.
+    """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, a device to show, or where
+    the camera is to go.
 
     ``kind`` and ``id`` name what is selected at the point.
     """
@@ -54,6 +55,7 @@ class ViewBody(_Body):
     kind: Literal["poi", "edge", "road"] | None = None
     id: Annotated[str, Field(max_length=64)] = ""
     follow: Annotated[str, Field(max_length=120)] | None = None
+    camera: Literal["walker", "overview"] | None = None
 
 
 class PresenceBody(_Body):

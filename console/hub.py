@@ -139,8 +139,11 @@ class DeviceHub:
                 return
             del self._outlets[device_id]
             device = self._devices[device_id]
+            now_s = self.now_s()
             commands = tuple(
-                replace(command, state="unanswered") if command.state == "sent" else command
+                replace(command, state="unanswered", took_s=now_s - command.asked_s)
+                if command.state == "sent"
+                else command
                 for command in device.commands
             )
             self._put(replace(device, connected=False, commands=commands))
@@ -150,7 +153,7 @@ class DeviceHub:
         now_s = self.now_s()
         with self._lock:
             device = self._updated(self._devices[device_id], message, now_s)
-            commands = tuple(judge(command, message) for command in device.commands)
+            commands = tuple(_dated(command, judge(command, message), now_s) for command in device.commands)
             self._put(replace(device, commands=commands))
 
     def send(self, device_id: str, message: ConsoleMessage) -> None:
@@ -228,8 +231,10 @@ class DeviceHub:
     def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
         with self._lock:
             device, outlet = self.device(device_id), self.require_connected(device_id)
-            command = Command(next(self._command_ids), kind, detail, who, self._wall_s())
-            earlier = tuple(superseded(old, command) for old in device.commands[-COMMANDS_KEPT_COUNT + 1 :])
+            now_s = self.now_s()
+            command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
+            kept = device.commands[-COMMANDS_KEPT_COUNT + 1 :]
+            earlier = tuple(_dated(old, superseded(old, command), now_s) for old in kept)
             self._put(replace(device, commands=(*earlier, command)))
         self.on_command(device_id, command)
         outlet.send(message)
@@ -277,6 +282,11 @@ class DeviceHub:
                 )  # fmt: skip
             case Hello():
                 return replace(device, hello=message)
+
+
+def _dated(before: Command, after: Command, now_s: float) -> Command:
+    """Return what has become of a command, with the time that it took where that is news."""
+    return after if after.state == before.state else replace(after, took_s=now_s - after.asked_s)
 
 
 def _nothing(device_id: str, command: Command) -> None:

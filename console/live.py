@@ -53,6 +53,10 @@ class Command:
     state: Literal["sent", "running", "refused", "unanswered"] = "sent"
     """``unanswered``: the link broke, or a later command took its place, before the device answered."""
     refusal: str = ""
+    asked_s: float = 0.0
+    """Monotonic time of asking (console clock)."""
+    took_s: float | None = None
+    """How long it took until this was known of it; None while it is only sent."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -7,12 +7,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from console.live import LiveDevice
+import msgspec
+
+from console.live import Command, LiveDevice
 from navcore.cues.texts import TEXTS
 from navcore.types import Reason
 
 EVENTS_SHOWN_COUNT = 30
 COMMANDS_SHOWN_COUNT = 6
+OFF_ROAD_SETTING = "follower.off_road_distance_m"
+_OF_THE_DEVICE = ("battery_percent", "is_charging", "temperature_c")
+"""What not every device can tell of itself."""
 _STATE_FIELDS = (
     "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
     "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
@@ -32,14 +37,15 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
         "age_uncertainty_s": device.clock_uncertainty_s,
         "state": _state_view(device, now_s),
-        "route": _route_view(device),
+        "route": _route_view(device, now_s),
+        "off_road_m": (device.settings or {}).get(OFF_ROAD_SETTING),
         "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
         "depth_age_s": device.age_of(device.depth_image.stamp_s, now_s) if device.depth_image else None,
         "events": [
             {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
             for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
         ],
-        "commands": device.commands[-COMMANDS_SHOWN_COUNT:],
+        "commands": [_command_view(command, now_s) for command in device.commands[-COMMANDS_SHOWN_COUNT:]],
         "settings_revision": device.settings_revision,
         "graph_version": device.graph_version,
         "graph_refusal": device.graph_refusal,
@@ -59,6 +65,7 @@ def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     if state is None:
         return None
     view = {name: getattr(state, name) for name in _STATE_FIELDS}
+    view |= {name: getattr(state, name, None) for name in _OF_THE_DEVICE}
     cue_stamp_s = state.last_cue_stamp_s
     view["reason"] = reason_sentence(state.reason)
     view["mode_label"], view["mode_sentence"] = state.mode.label, state.mode.sentence
@@ -90,11 +97,21 @@ def advice_sentence(advice: str) -> str:
     return TEXTS["en"].get(f"map_walk_{advice}", advice)
 
 
-def _route_view(device: LiveDevice) -> dict[str, Any] | None:
+def _command_view(command: Command, now_s: float) -> dict[str, Any]:
+    view: dict[str, Any] = msgspec.to_builtins(command)
+    return view | {"age_s": now_s - command.asked_s}
+
+
+def _route_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     route = device.route
     if route is None:
         return None
-    return {"stops": route.stops, "destination_id": route.destination_id, "refusal": route.refusal}
+    return {
+        "stops": route.stops,
+        "destination_id": route.destination_id,
+        "refusal": route.refusal,
+        "age_s": device.age_of(route.stamp_s, now_s),
+    }
 
 
 def reason_sentence(reason: str) -> str:

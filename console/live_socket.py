@@ -1,100 +1,127 @@
 """``/live``: what happens, streamed to the pages at no more than 10 Hz, and at least once a second.
 
-Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind.
+Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind. A page
+that shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is for
+many at once.
 """
 
 from __future__ import annotations
 
 import asyncio
 import contextlib
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import msgspec
-from fastapi import FastAPI, WebSocket, WebSocketDisconnect
+from fastapi import FastAPI, Query, WebSocket
 
 from console.api_versions import presence_view
-from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S
+from console.hub import DeviceHub
+from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, LiveDevice
 from console.live_panel import device_view
+from console.page_stream import serve, set_from_any_thread
 from console.requests import signed_in
 from console.services import Services
-from console.sockets import SIGNED_OUT_CODE
 
 SHORTEST_S = 0.1
 LONGEST_S = 1.0
+LIMITS = {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S}
+Scope = Literal["all", "one", "none"]
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the route."""
 
     @app.websocket("/live")
-    async def live(socket: WebSocket) -> None:
-        visitor = signed_in(socket)
-        await socket.accept()
-        tasks = [
-            asyncio.create_task(_stream(socket, services, visitor.user_name)),
-            asyncio.create_task(_listen(socket)),
+    async def live(
+        socket: WebSocket, devices: Scope = "all", device: Annotated[str, Query(max_length=120)] = ""
+    ) -> None:
+        shown = Shown(services.hub, devices, device)
+        who = signed_in(socket).user_name
+        await serve(socket, services, lambda: _stream(socket, services, who, shown))
+
+
+class Shown:
+    """The devices whose whole picture a page is given: all, none, or the one that it names.
+
+    Where it names none, it keeps the one that it was given first, whoever comes: nobody finds another walker below
+    their hands.
+    """
+
+    def __init__(self, hub: DeviceHub, scope: Scope, device_id: str = "") -> None:
+        self._hub = hub
+        self._scope = scope
+        self._device_id = device_id
+        self._told: list[dict[str, Any]] | None = None
+
+    def concerns(self, device: LiveDevice) -> bool:
+        """Say whether what a device tells is shown."""
+        return self._scope == "all" or (self._scope == "one" and self._device_id in ("", device.device_id))
+
+    def devices(self) -> tuple[LiveDevice, ...]:
+        """Return the devices that are shown."""
+        if self._scope == "none":
+            return ()
+        devices = self._hub.devices()
+        if self._scope == "all":
+            return devices
+        if not self._device_id and devices:
+            self._device_id = next((each for each in devices if each.connected), devices[0]).device_id
+        return tuple(device for device in devices if device.device_id == self._device_id)
+
+    def roster_news(self) -> dict[str, Any]:
+        """Return who is there and which graph they run, where that is news to the page."""
+        roster = [
+            {
+                "id": device.device_id,
+                "name": device.name,
+                "connected": device.connected,
+                "graph_version": device.graph_version,
+                "graph_refusal": device.graph_refusal,
+            }
+            for device in self._hub.devices()
         ]
-        loop = asyncio.get_running_loop()
-        signed_out = asyncio.Event()
-        forget = services.sockets.add(visitor.session_id, lambda: _set_from_any_thread(loop, signed_out))
-        tasks.append(asyncio.create_task(_wait(signed_out)))
-        try:
-            await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        finally:
-            forget()
-            for task in tasks:
-                task.cancel()
-            await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-                await socket.close(SIGNED_OUT_CODE if signed_out.is_set() else 1000)
+        if roster == self._told:
+            return {}
+        self._told = roster
+        return {"roster": roster}
 
 
-def panel_view(services: Services, who: str) -> dict[str, Any]:
-    """Return everything that the panel shows to ``who`` at this instant."""
+def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...]) -> dict[str, Any]:
+    """Return everything that the panel shows to ``who`` of these devices at this instant."""
     now_s, model = services.hub.now_s(), services.model
     return {
+        "now_s": now_s,
         "draft_version": model.graph.version,
         "published_version": model.published.version,
         "people": [presence_view(window) | {"you": window.user_name == who} for window in services.presence.windows()],
         "can_undo": model.can_undo(who),
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
-        "limits": {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S},
-        "devices": [device_view(device, now_s) for device in services.hub.devices()],
+        "limits": LIMITS,
+        "devices": [device_view(device, now_s) for device in devices],
     }
 
 
-async def _stream(socket: WebSocket, services: Services, who: str) -> None:
+async def _stream(socket: WebSocket, services: Services, who: str, shown: Shown) -> None:
     changed = asyncio.Event()
     loop = asyncio.get_running_loop()
+
+    def wake(_: object = None) -> None:
+        set_from_any_thread(loop, changed)
+
     ends = [
-        services.hub.subscribe(lambda _: _set_from_any_thread(loop, changed)),
-        services.model.subscribe(lambda _: _set_from_any_thread(loop, changed)),
-        services.presence.subscribe(lambda: _set_from_any_thread(loop, changed)),
+        services.hub.subscribe(lambda device: wake() if shown.concerns(device) else None),
+        services.model.subscribe(wake),
+        services.presence.subscribe(wake),
     ]
     try:
         while True:
             changed.clear()
-            await socket.send_text(msgspec.json.encode(panel_view(services, who)).decode())
+            picture = panel_view(services, who, shown.devices()) | shown.roster_news()
+            await socket.send_text(msgspec.json.encode(picture).decode())
             await asyncio.sleep(SHORTEST_S)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), LONGEST_S - SHORTEST_S)
     finally:
         for end in ends:
             end()
-
-
-async def _listen(socket: WebSocket) -> None:
-    # Pages say nothing here; reading is how their leaving is noticed.
-    with contextlib.suppress(WebSocketDisconnect):
-        while (await socket.receive())["type"] != "websocket.disconnect":
-            pass
-
-
-async def _wait(event: asyncio.Event) -> None:
-    await event.wait()
-
-
-def _set_from_any_thread(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
-    with contextlib.suppress(RuntimeError):
-        loop.call_soon_threadsafe(event.set)

@@ -10,10 +10,14 @@ from fastapi import FastAPI
 from fastapi.responses import FileResponse, PlainTextResponse, Response
 from fastapi.staticfiles import StaticFiles
 
+from console.roles import Role
+from console.rules import RULES
+
 PAGES = {
     "/signin": "signin.html",
     "/first": "first.html",
     "/": "console.html",
+    "/overview": "overview.html",
     "/pois": "pois.html",
     "/versions": "versions.html",
     "/checks": "checks.html",
@@ -24,6 +28,11 @@ PAGES = {
     "/map-walks": "map-walks.html",
     "/admin": "admin.html",
 }
+
+
+def pages_for(role: Role) -> list[str]:
+    """Return the paths of the pages that somebody of this role may open, besides those for who is not signed in."""
+    return [path for path in PAGES if RULES["GET", path].who == "people" and RULES["GET", path].permits(role)]
 
 
 def static_folder() -> Path:

@@ -48,6 +48,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/favicon.ico"): ANYONE,
     ("GET", "/healthz"): ANYONE,
     ("GET", "/"): EVERYBODY,
+    ("GET", "/overview"): EVERYBODY,
     ("GET", "/pois"): EVERYBODY,
     ("GET", "/versions"): EVERYBODY,
     ("GET", "/checks"): EVERYBODY,
@@ -95,6 +96,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("WS", "/viewer/scene"): EVERYBODY,
     # Devices, seen by people.
     ("WS", "/live"): EVERYBODY,
+    ("WS", "/live/overview"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/depth.jpg"): EVERYBODY,
     ("POST", "/api/devices/{device_id}/destination"): EDITORS,
     ("POST", "/api/devices/{device_id}/clear"): EDITORS,

@@ -10,6 +10,7 @@ import logging
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from console.edits import Thing
 
@@ -39,7 +40,14 @@ class FollowDevice:
     device_id: str | None
 
 
-ViewRequest = FlyToPoi | FlyToPoint | FollowDevice
+@dataclass(frozen=True, slots=True)
+class MoveCamera:
+    """Let the camera go with the walker, or show the whole floor."""
+
+    to: Literal["walker", "overview"]
+
+
+ViewRequest = FlyToPoi | FlyToPoint | FollowDevice | MoveCamera
 Listener = Callable[[ViewRequest], None]
 
 

@@ -1,9 +1,13 @@
 import { post } from "./api.js";
-import { $, commandBadge, el, icon, onChange, setText } from "./dom.js";
+import { Actions } from "./actions.js";
+import { $, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
+import { History } from "./history.js";
 import { undoKeys } from "./keys.js";
-import { follow, FRESHNESS, freshnessOf } from "./live.js";
+import { doubt, follow, freshnessOf, showBadge } from "./live.js";
 import { refuseTwin } from "./names.js";
+import { Plots } from "./plots.js";
+import { SceneAge } from "./scene_age.js";
 import { showWhatWasAsked } from "./scene.js";
 import { ready, start } from "./shell.js";
 import { tabs } from "./tabs.js";
@@ -13,120 +17,127 @@ import { Walker } from "./walker.js";
 
 const me = await start();
 const graph = new Graph(showGraph);
-const walker = new Walker();
+const walker = new Walker({ now: $("walker-now"), figures: $("walker-figures"), depth: $("walker-depth"), events: $("walker-events") });
+const plots = new Plots($("plots"));
+const history = new History();
+const actions = new Actions({ mayEdit: me.mayEdit, placeName: (id) => graph.poi(id)?.name ?? id });
+const scene = new SceneAge($("scene-part"), $("scene"), $("scene-freshness"));
+const asked = new URLSearchParams(location.search).get("device");
+let wantedDevice = asked ?? sessionStorage.getItem("device") ?? "";
 let device = null;
-let wantedDevice = sessionStorage.getItem("device");
+let captureToScreen_s = null;
 let renaming = null;
 
 tabs(document.querySelector("[role=tablist]"));
 undoKeys(graph);
 if (!me.mayEdit) {
-  for (const id of ["publish", "undo", "redo", "guide-controls"]) $(id).hidden = true;
+  for (const id of ["publish", "undo", "redo"]) $(id).hidden = true;
   setText($("guide-title"), "Speak to the walker");
 }
 for (const [id, name] of [["undo", "undo"], ["redo", "redo"]]) $(id).prepend(icon(name));
 
 // ------------------------------------------------------------------------------------------------------------ live
-function showLive(data, elapsed_s, linked) {
+function showLive(data, elapsed_s, linked, doubt_s) {
   graph.heard(data);
-  showDevices(data.devices.map(({ id, name }) => ({ id, name })));
-  device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;
-  const age_s = device && device.age_s !== null ? device.age_s + elapsed_s : null;
-  const fresh = device ? freshnessOf(age_s, device.age_uncertainty_s, device.connected && linked, data.limits) : "lost";
+  showRoster(data.roster.map(({ id, name, connected }) => ({ id, name, connected })));
+  const seen = data.devices[0] ?? null;
+  if (seen === null && wantedDevice && !asked && data.roster.length) return choose(""); // it was here before the console was started anew
+  if (seen && !wantedDevice) wantedDevice = seen.id; // whoever comes now, this one stays
+  const age_s = seen && seen.age_s !== null ? seen.age_s + elapsed_s : null;
+  const fresh = seen ? freshnessOf(age_s, doubt(seen.age_uncertainty_s, doubt_s), seen.connected, data.limits) : "lost";
+  device = seen && { ...seen, capture_to_screen_s: captureToScreen_s };
   $("panel").dataset.freshness = fresh;
-  showFreshness(fresh);
+  showFreshness(fresh, age_s);
+  showNobody();
   walker.show(device, { elapsed_s, age_s, fresh, poi: (id) => graph.poi(id) });
-  showButtons(linked);
-  showCommands(device ? device.commands.filter(({ kind }) => kind !== "apply_settings").slice(-3) : []);
+  actions.show(device, { fresh, linked, elapsed_s, age_s });
+  showPlots(data, elapsed_s);
+  for (const [section, part] of [["plots-section", device?.state], ["figures-section", device?.state], ["depth-section", device?.depth_stamp_s]]) $(section).hidden = (part ?? null) === null;
+  scene.show(data.limits, link.consoleTime());
   showVersions({
     draft: data.draft_version, published: data.published_version, undo: data.can_undo, redo: data.can_redo,
     device: device && { name: device.name, runs: device.graph_version, refusal: device.graph_refusal },
   });
+  return undefined;
 }
 
-const showDevices = onChange((devices) => {
-  const several = devices.length > 1;
+function showFreshness(fresh, age_s) {
+  if (device) return showBadge($("freshness"), fresh, age_s);
+  $("freshness").className = "badge";
+  $("freshness").dataset.mark = "○";
+  return setText($("freshness"), "no device");
+}
+
+function showNobody() {
+  $("no-device").hidden = device !== null;
+  if (device === null && wantedDevice) setText($("no-device"), `The device ${wantedDevice} has not connected since the console was started. It connects by itself once it is switched on.`);
+}
+
+/** The ring is filled with each new state, and with how long it took until that was on the screen. */
+function showPlots(data, elapsed_s) {
+  const now_s = data.now_s + elapsed_s;
+  const state = device?.state;
+  if (state) {
+    const sample = history.add(device.id, data.now_s - device.age_s, { deviation_m: state.deviation_m, inliers: state.inlier_count, speed_m_s: state.speed_m_s });
+    if (sample) measure(sample, device.age_s - data.now_s);
+  }
+  plots.show(history.samples, now_s, { off_road_m: device?.off_road_m ?? null });
+}
+
+/** Measure how old a state is once the browser has drawn it; `offset_s` is what to add to the console's time to have its age. */
+function measure(sample, offset_s) {
+  requestAnimationFrame(() => setTimeout(() => {
+    const console_s = link.consoleTime();
+    if (console_s === null) return;
+    captureToScreen_s = Math.max(0, console_s + offset_s);
+    sample.latency_ms = 1000 * captureToScreen_s;
+    $("panel").dataset.captureToScreenMs = sample.latency_ms.toFixed(1);
+  }));
+}
+
+// -------------------------------------------------------------------------------------------------- which device
+const showRoster = onChange((roster) => {
+  const names = new Map(roster.map(({ id, name }) => [id, roster.filter((other) => other.name === name).length > 1 ? `${name} (${id})` : name]));
+  const several = roster.length > 1 || Boolean(wantedDevice && roster.length && !names.has(wantedDevice));
   $("device-select").hidden = !several;
   $("device-name").hidden = several;
-  setText($("device-name"), devices[0]?.name ?? "No device yet");
-  $("device-select").replaceChildren(...devices.map(({ id, name }) => el("option", { value: id }, name)));
-  if (wantedDevice && devices.some(({ id }) => id === wantedDevice)) $("device-select").value = wantedDevice;
+  setText($("device-name"), roster[0]?.name ?? "No device yet");
+  const options = roster.map(({ id, connected }) => el("option", { value: id }, connected ? names.get(id) : `${names.get(id)}, away`));
+  if (several && !names.has(wantedDevice)) options.unshift(el("option", { value: wantedDevice }, wantedDevice || "Choose a walker…"));
+  $("device-select").replaceChildren(...options);
+  $("device-select").value = wantedDevice;
 });
 
 $("device-select").addEventListener("change", () => {
-  wantedDevice = $("device-select").value;
+  choose($("device-select").value);
   sessionStorage.setItem("device", wantedDevice);
-  attempt(() => post("/api/view", { follow: wantedDevice }));
 });
 
-const showFreshness = onChange((fresh) => {
-  const { kind, mark, text } = FRESHNESS[fresh];
-  $("freshness").className = `badge ${device ? kind : ""}`;
-  $("freshness").dataset.mark = device ? mark : "○";
-  setText($("freshness"), device ? text : "no device");
-});
-
-// ----------------------------------------------------------------------------------------------------------- guide
-function showButtons(linked) {
-  const able = Boolean(device?.connected && linked);
-  const mode = device?.state?.mode;
-  $("guide").disabled = !(able && me.mayEdit && $("destination").value);
-  $("say-send").disabled = $("repeat").disabled = !able;
-  $("pause").hidden = mode === "paused";
-  $("resume").hidden = mode !== "paused";
-  $("pause").disabled = !(able && me.mayEdit && (mode === "guiding" || mode === "lost"));
-  $("resume").disabled = !(able && me.mayEdit);
-  $("clear").disabled = !(able && me.mayEdit && device?.state?.destination_id && mode !== "arrived");
+/** Show another device, here and in the scene; "" lets the console choose. Nothing of the last one stays on the screen. */
+function choose(id) {
+  wantedDevice = id;
+  device = null;
+  captureToScreen_s = null;
+  actions.show(null, { fresh: "lost", linked: false, elapsed_s: 0, age_s: null });
+  walker.show(null, { elapsed_s: 0, age_s: null, fresh: "lost", poi: () => null });
+  link.again();
+  tellScene();
 }
 
-const onDevice = (what, body) => attempt(() => post(`/api/devices/${encodeURIComponent(device.id)}/${what}`, body));
-
-$("guide").addEventListener("click", () => onDevice("destination", { poi_id: $("destination").value }));
-$("pause").addEventListener("click", () => onDevice("pause"));
-$("resume").addEventListener("click", () => onDevice("resume"));
-$("clear").addEventListener("click", () => onDevice("clear"));
-$("repeat").addEventListener("click", () => onDevice("repeat"));
-$("destination").addEventListener("change", nameGuideButton);
-$("say-form").addEventListener("submit", async (event) => {
-  event.preventDefault();
-  const text = $("say").value.trim();
-  if (text && (await onDevice("say", { text }))) $("say").value = "";
-});
-
-function nameGuideButton() {
-  const chosen = $("destination").selectedOptions[0];
-  setText($("guide"), chosen?.value ? `Guide to ${chosen.textContent}` : "Guide");
+function tellScene() {
+  if (wantedDevice) post("/api/view", { follow: wantedDevice }).catch(() => {}); // not connected yet: the scene shows nobody
 }
 
-const showDestinations = onChange((destinations) => {
-  const before = $("destination").value;
-  const options = (chosen) => inListOrder(chosen).map(({ id, name }) => el("option", { value: id }, name));
-  const junctions = options(destinations.filter(({ kind }) => kind === "junction"));
-  $("destination").replaceChildren(
-    el("option", { value: "" }, "Choose a place…"), ...options(destinations.filter(({ kind }) => kind !== "junction")),
-    ...(junctions.length ? [el("optgroup", { label: "Junctions" }, ...junctions)] : []));
-  if (destinations.some(({ id }) => id === before)) $("destination").value = before;
-  nameGuideButton();
-});
-
-const showCommands = onChange((commands) => {
-  $("commands").replaceChildren(...commands.map((command) => {
-    const why = command.refusal ? `: ${command.refusal}` : "";
-    return el("li", {}, commandBadge(command.state), el("span", {}, commandWords(command) + why));
+for (const [button, camera] of [["follow-walker", "walker"], ["whole-floor", "overview"]]) {
+  $(button).addEventListener("click", () => attempt(async () => {
+    const { scenes } = await post("/api/view", { camera });
+    if (!scenes) throw new Error("The scene is still loading: try again in a moment.");
   }));
-});
-
-function commandWords({ kind, detail }) {
-  const place = graph.poi(detail)?.name ?? detail;
-  return {
-    begin_map_walk: "Begin a map walk", end_map_walk: "End the map walk",
-    set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", repeat: "Repeat", say: `Say “${detail}”`,
-  }[kind];
 }
 
 // ---------------------------------------------------------------------------------------------------------- places
 function showGraph(data) {
-  showDestinations(data.destinations);
+  actions.showDestinations(data.destinations);
   showPlaces({ pois: data.pois, edges: data.edges.map(({ a, b }) => [a, b]) });
   const unpublished = data.pois.filter(({ id }) => !data.destinations.some((place) => place.id === id)).length;
   const not = unpublished === 1 ? "One place is" : `${unpublished} places are`;
@@ -199,7 +210,9 @@ function redrawPlaces() {
 }
 
 await graph.fetch();
-follow(showLive);
+const link = follow(showLive, () => `devices=one&device=${encodeURIComponent(wantedDevice)}`);
+if (asked) sessionStorage.setItem("device", asked);
+tellScene();
 
 ready();
 if (me.mayEdit) tourOnFirstVisit(me);

@@ -31,7 +31,7 @@ export async function editorPage({ show, heard = () => {}, asked = () => {} }) {
         if ($("undo")) $("undo").disabled = !data.can_undo || !linked;
         if ($("redo")) $("redo").disabled = !data.can_redo || !linked;
         heard(data, elapsed_s, linked);
-      });
+      }, () => "devices=none");
       ready();
       tourOnFirstVisit(me);
     },

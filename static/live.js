@@ -1,56 +1,145 @@
 /* The stream of what happens: reconnects by itself, and keeps honest about how old things are. */
 
 import { signInAgain } from "./api.js";
-import { $, el, setText } from "./dom.js";
+import { $, ago, el, setText } from "./dom.js";
+import { ConsoleClock } from "./page_clock.js";
 import { toast } from "./toast.js";
 
 const RETRY_MS = [500, 1000, 2000, 4000];
 const SILENT_AFTER_S = 3;
 const TICK_MS = 250;
+const ASK_CLOCK_MS = [200, 400, 800, 2000];
 const SIGNED_OUT = 4401;
 
 /**
- * Call `show(data, elapsed_s, linked)` at each message and four times a second in between. `elapsed_s` is how long ago
- * the message came: add it to every age. `linked` is false once the console has gone silent.
+ * Hear the stream at `path()`, asked for anew at each connecting. `take(data, page_received_s)` hears each message, `draw(link)` follows each
+ * and four times a second in between. Returns the link: what is known of the console, and `reconnect()`.
  */
-export function follow(show) {
-  let data = null;
-  let receivedAt = 0;
-  let failures = 0;
+export function listen(path, { take, draw }) {
+  const link = new Link(path, take, draw);
+  link.connect();
+  setInterval(() => link.tick(), TICK_MS);
+  // A tab that was asleep shows what it had, and dates it, before anything else.
+  document.addEventListener("visibilitychange", () => link.tick());
+  addEventListener("pageshow", () => link.tick());
+  return link;
+}
 
-  const connect = () => {
+class Link {
+  constructor(path, take, draw) {
+    Object.assign(this, { path, take, draw });
+    this.console = new ConsoleClock();
+    this.heardAt_s = null;
+    this.failures = 0;
+  }
+
+  connect() {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    const socket = new WebSocket(`${scheme}://${location.host}${this.path()}`);
+    this.socket = socket;
     let opened = false;
-    socket.onopen = () => { opened = true; failures = 0; };
+    socket.onopen = () => {
+      opened = true;
+      this.failures = 0;
+      this.console.forget();
+      this.askClock(socket, 0);
+    };
     socket.onmessage = (event) => {
-      data = JSON.parse(event.data);
-      receivedAt = performance.now();
-      draw();
+      if (this.socket === socket) this.heard(JSON.parse(event.data));
     };
     socket.onclose = async (event) => {
       if (event.code === SIGNED_OUT) return signInAgain();
       if (!opened && (await isSignedOut())) return signInAgain();
-      setTimeout(connect, RETRY_MS[Math.min(failures++, RETRY_MS.length - 1)]);
+      if (this.socket !== socket) return;
+      setTimeout(() => this.connect(), RETRY_MS[Math.min(this.failures++, RETRY_MS.length - 1)]);
     };
+  }
+
+  /** Ask for another stream at once: the path has changed. */
+  reconnect() {
+    const old = this.socket;
+    this.connect();
+    old.close();
+  }
+
+  askClock(socket, count) {
+    if (socket.readyState !== WebSocket.OPEN) return;
+    socket.send(JSON.stringify({ type: "clock", page_sent_s: this.console.clock.now_s() }));
+    setTimeout(() => this.askClock(socket, count + 1), ASK_CLOCK_MS[Math.min(count, ASK_CLOCK_MS.length - 1)]);
+  }
+
+  heard(data) {
+    const page_s = this.console.clock.now_s();
+    this.heardAt_s = page_s;
+    if (data.type === "clock") return this.console.add(data.page_sent_s, data.console_received_s, data.console_sent_s, page_s);
+    this.take(data, page_s);
+    return this.tick();
+  }
+
+  tick() {
+    if (this.heardAt_s === null) return;
+    showLink(this.isLinked, this.silence_s);
+    this.draw(this);
+  }
+
+  /** How long the console has said nothing. */
+  get silence_s() {
+    return this.console.clock.now_s() - this.heardAt_s;
+  }
+
+  get isLinked() {
+    return this.silence_s < SILENT_AFTER_S;
+  }
+
+  /** How long ago something was that happened at `console_s` by the console's clock, and came here at `page_s`: at least and at the most.
+   *  The most is null while the clocks have not been compared. */
+  since(console_s, page_s) {
+    const console = this.console.now();
+    if (console === null) return { least_s: this.console.clock.now_s() - page_s, most_s: null };
+    const age_s = console.now_s - console_s;
+    return { least_s: Math.max(0, age_s - console.uncertainty_s), most_s: Math.max(0, age_s + console.uncertainty_s) };
+  }
+}
+
+/**
+ * Follow the whole picture. Call `show(data, elapsed_s, linked, doubt_s)` at each message and in between. `elapsed_s` is how long ago the
+ * console made the picture: add it to every age. `data.roster` is who is there, and what they run. `doubt_s` is how much longer it may be, null while nobody knows. `linked` is false once the
+ * console has gone silent. `devices()` says whose whole picture is wanted: "devices=one&device=glasses", "devices=none", or all.
+ */
+export function follow(show, devices = () => "") {
+  let data = null;
+  let roster = [];
+  let receivedAt_s = 0;
+  const link = listen(() => `/live?${devices()}`, {
+    take(picture, page_s) {
+      roster = picture.roster ?? roster;
+      data = { ...picture, roster };
+      receivedAt_s = page_s;
+    },
+    draw(link) {
+      if (data === null) return;
+      const { least_s, most_s } = link.since(data.now_s, receivedAt_s);
+      show(data, least_s, link.isLinked, most_s === null ? null : most_s - least_s);
+    },
+  });
+  return {
+    /** The console's time now, as well as it is known; null where it is not. */
+    consoleTime: () => link.console.now()?.now_s ?? null,
+    /** Another device is wanted: what was known of the last one is not shown any more. */
+    again() {
+      data = null;
+      link.reconnect();
+    },
   };
-  const draw = () => {
-    if (data === null) return;
-    const elapsed_s = (performance.now() - receivedAt) / 1000;
-    const linked = elapsed_s < SILENT_AFTER_S;
-    showLink(linked, elapsed_s);
-    show(data, elapsed_s, linked);
-  };
-  const isSignedOut = async () => {
-    const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
-    return answer !== null && answer.status === 401;
-  };
-  connect();
-  setInterval(draw, TICK_MS);
+}
+
+async function isSignedOut() {
+  const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
+  return answer !== null && answer.status === 401;
 }
 
 /** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */
-function showLink(linked, elapsed_s) {
+function showLink(linked, silence_s) {
   const banner = $("link-banner");
   if (linked && !banner.hidden) toast("The console is there again; everything that it had confirmed is kept.");
   if (!linked && banner.hidden) {
@@ -58,16 +147,21 @@ function showLink(linked, elapsed_s) {
       el("span", { class: "number", "aria-hidden": "true" }));
   }
   banner.hidden = linked;
-  if (!linked) setText(banner.lastElementChild, `Silent for ${Math.round(elapsed_s)} s.`);
+  if (!linked) setText(banner.lastElementChild, `Silent for ${Math.round(silence_s)} s.`);
 }
 
 /** How fresh something of this age is, at the oldest that it may be: the console's own limits, counted on by this page's
- *  clock. Nothing is live while the device's clock has not been compared (uncertainty_s is null). */
+ *  clock. Nothing is live while a clock on the way has not been compared (uncertainty_s is null). */
 export function freshnessOf(age_s, uncertainty_s, connected, limits) {
   const longest_s = age_s + (uncertainty_s ?? 0);
   if (age_s === null || !connected || longest_s > limits.lost) return "lost";
   if (longest_s > limits.stale) return "stale";
   return longest_s > limits.delayed || uncertainty_s === null ? "delayed" : "live";
+}
+
+/** How wrong an age may be: what each clock on the way may add; null where one of them has not been compared. */
+export function doubt(...parts_s) {
+  return parts_s.includes(null) ? null : parts_s.reduce((sum, part) => sum + part, 0);
 }
 
 export const FRESHNESS = {
@@ -76,3 +170,15 @@ export const FRESHNESS = {
   stale: { kind: "warn", mark: "○", text: "STALE" },
   lost: { kind: "bad", mark: "✕", text: "LOST" },
 };
+
+/** The words of a badge: how fresh, and how old where it is not live. */
+export function freshnessWords(fresh, age_s) {
+  return fresh === "live" || age_s === null ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
+}
+
+/** Show how fresh something is on a badge. */
+export function showBadge(node, fresh, age_s) {
+  node.className = `badge ${FRESHNESS[fresh].kind}`;
+  node.dataset.mark = FRESHNESS[fresh].mark;
+  setText(node, freshnessWords(fresh, age_s));
+}

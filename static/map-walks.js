@@ -1,6 +1,6 @@
 import { get, post } from "./api.js";
 import { $, ago, badge, commandBadge, el, icon, onChange, setText } from "./dom.js";
-import { follow, FRESHNESS, freshnessOf } from "./live.js";
+import { doubt, follow, FRESHNESS, freshnessOf } from "./live.js";
 import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
@@ -14,12 +14,12 @@ let wantedDevice = sessionStorage.getItem("device");
 let lastShown = null; // what showLive was given last
 
 // ------------------------------------------------------------------------------------------------------------ live
-function showLive(data, elapsed_s, linked) {
-  lastShown = [data, elapsed_s, linked];
+function showLive(data, elapsed_s, linked, doubt_s) {
+  lastShown = [data, elapsed_s, linked, doubt_s];
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
   device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;
   const age_s = device && device.age_s !== null ? device.age_s + elapsed_s : null;
-  const fresh = device ? freshnessOf(age_s, device.age_uncertainty_s, device.connected && linked, data.limits) : "lost";
+  const fresh = device ? freshnessOf(age_s, doubt(device.age_uncertainty_s, doubt_s), device.connected, data.limits) : "lost";
   $("walk").dataset.freshness = fresh;
   showFreshness(device ? FRESHNESS[fresh] : { kind: "", mark: "○", text: "no device" });
   showState(linked);

@@ -1,4 +1,4 @@
-/* What all pages share: the header with the pages that a role may see, who is signed in and who else is here, help,
+/* What all pages share: the header with the pages that there are for a role, who is signed in and who else is here, help,
  * and the way out. The header is there before the console has answered: it shows what was known last. */
 
 import { get, signOut } from "./api.js";
@@ -9,16 +9,11 @@ import { attempt } from "./toast.js";
 const EDITING = ["editor", "admin"];
 const TUNING = ["technician", "admin"];
 const MAPPING = [...EDITING, "technician"];
+/** All pages, by what people come for. The console tells which of them it has, and this role may open. */
 const PAGES = [
-  { path: "/", title: "Console" },
-  { path: "/pois", title: "Places" },
-  { path: "/versions", title: "Versions" },
-  { path: "/checks", title: "Checks" },
-  { path: "/rehearse", title: "Rehearse" },
-  { path: "/exchange", title: "Import/export" },
-  { path: "/map-walks", title: "Map walks", roles: MAPPING },
-  { path: "/settings", title: "Settings" },
-  { path: "/admin", title: "Admin", roles: ["admin"] },
+  ["Watch", [["/", "Console"], ["/overview", "Overview"], ["/alerts", "Alerts"], ["/walks", "Walks"]]],
+  ["Map", [["/pois", "Places"], ["/versions", "Versions"], ["/checks", "Checks"], ["/rehearse", "Rehearse"], ["/exchange", "Import/export"], ["/map-walks", "Map walks"]]],
+  ["Set up", [["/settings", "Settings"], ["/privacy", "Privacy"], ["/admin", "Admin"]]],
 ];
 const KNOWN = "session";
 
@@ -42,9 +37,9 @@ export function ready() {
 }
 
 function build() {
-  const nav = el("nav", { id: "pages", "aria-label": "Pages" }, el("ul", {}, ...PAGES.map(pageItem)));
-  const here = PAGES.find(({ path }) => path === location.pathname);
-  const menu = el("button", { type: "button", class: "menu slim", "aria-expanded": "false", "aria-controls": "pages" }, `Pages: ${here?.title ?? ""}`);
+  const nav = el("nav", { id: "pages", "aria-label": "Pages" }, ...PAGES.map(pageGroup));
+  const here = PAGES.flatMap(([, pages]) => pages).find(([path]) => path === location.pathname);
+  const menu = el("button", { type: "button", class: "menu slim", "aria-expanded": "false", "aria-controls": "pages" }, `Pages: ${here?.[1] ?? ""}`);
   menu.addEventListener("click", () => menu.setAttribute("aria-expanded", String(nav.classList.toggle("open"))));
   const brand = el("a", { class: "brand", href: "/" }, el("img", { src: "/static/icon.svg", alt: "" }),
     el("span", {}, "Virtual blind road", el("span", { class: "site", id: "site-name" })));
@@ -58,16 +53,21 @@ function build() {
   document.body.append(el("div", { class: "toasts", id: "toasts", role: "status", "aria-live": "polite" }));
 }
 
-function pageItem({ path, title, roles }) {
-  const here = path === location.pathname;
-  return el("li", { "data-roles": roles?.join(" "), hidden: Boolean(roles) }, el("a", { href: path, "aria-current": here && "page" }, title));
+function pageGroup([title, pages], index) {
+  const id = `pages-${index}`;
+  return el("div", { class: "page-group", role: "group", "aria-labelledby": id }, el("span", { class: "page-group-title", id }, title), el("ul", {}, ...pages.map(pageItem)));
 }
 
-function show({ site = "", name = "", role = "" }) {
+function pageItem([path, title]) {
+  return el("li", { "data-page": path }, el("a", { href: path, "aria-current": path === location.pathname && "page" }, title));
+}
+
+function show({ site = "", name = "", role = "", pages = [location.pathname] }) {
   setText($("site-name"), site);
   setText($("user-name"), name);
   setText($("user-role"), role);
-  for (const item of document.querySelectorAll("#pages [data-roles]")) item.hidden = !item.dataset.roles.split(" ").includes(role);
+  for (const item of document.querySelectorAll("#pages [data-page]")) item.hidden = !pages.includes(item.dataset.page);
+  for (const group of document.querySelectorAll("#pages .page-group")) group.hidden = !group.querySelector("[data-page]:not([hidden])");
 }
 
 function sayItFailed({ error, message }) {

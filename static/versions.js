@@ -68,7 +68,7 @@ const showDevices = onChange(({ devices, published }) => {
 });
 
 function heard(data) {
-  showDevices({ devices: data.devices.map(({ name, graph_version, graph_refusal, connected }) => ({ name, runs: graph_version, refusal: graph_refusal, connected })), published: data.published_version });
+  showDevices({ devices: data.roster.map(({ name, graph_version, graph_refusal, connected }) => ({ name, runs: graph_version, refusal: graph_refusal, connected })), published: data.published_version });
 }
 
 // --------------------------------------------------------------------------------------------------------- compare

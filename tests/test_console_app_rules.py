@@ -179,3 +179,13 @@ def test_pages_hold_nothing_inline_that_the_policy_would_block() -> None:
         reader = _Inline()
         reader.feed((static_folder() / file).read_text(encoding="utf-8"))
         assert reader.found == [], file
+
+
+@pytest.mark.parametrize("role", ROLES)
+def test_the_header_offers_a_role_exactly_the_pages_that_open_for_it(role: str, people: dict[str, Person]) -> None:
+    offered = people[role].http.get("/api/session").json()["pages"]
+    header = (static_folder() / "shell.js").read_text(encoding="utf-8")
+    for path in PAGES:
+        if RULES["GET", path].who == "people":
+            assert people[role].http.get(path).is_success is (path in offered), path
+            assert f'["{path}", ' in header, f"no way leads to {path}"

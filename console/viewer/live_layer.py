@@ -1,4 +1,4 @@
-"""The walker in the scene of one client: figure, view, trail, route, sub-goal, candidates, direction, sonar, cue.
+"""The walker in the scene of one client: figure, view, trail, route, sub-goal, candidates, scan, direction, sonar, cue.
 
 All nodes are made once, with fixed names, and only their properties change: viser sends what differs, and a slow
 browser gets the newest alone.
@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import viser
+from numpy.typing import NDArray
 
 from console.live import Freshness
 from console.viewer import appearance as look
@@ -18,6 +19,8 @@ from console.viewer import meshes
 from console.viewer.appearance import Rgb
 from console.viewer.labels import LabelSpot
 from console.viewer.live_view import LiveView
+from console.viewer.others_layer import OthersLayer
+from console.viewer.scan_points import scan_points
 from navcore.geometry import FloatArray
 from navcore.wire import WalkerState
 
@@ -26,6 +29,9 @@ _SONAR_HALF_FIELD_RAD = math.radians(7.5)
 _ARROW_LENGTH_M = 1.1
 _CUE_SCALE = 1.25
 _ROUTE_Z_M, _TRAIL_Z_M, _DOT_Z_M, _FAN_Z_M = 0.10, 0.05, 0.16, 0.22
+_BEAT_EVERY_S = 0.5
+_FAR_OFF_M = 1.0
+"""So far off the route the trail has its strongest colour."""
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
 
 
@@ -38,12 +44,18 @@ class LiveLayer:
         self._root = scene.add_frame("/walker", show_axes=False, visible=False)
         self._figure = _Figure(client)
         self._extras = _Extras(client)
+        self._others = OthersLayer(client)
+        # Never drawn: the page around reads there how old the scene is (static/scene_age.js).
+        self._beat = scene.add_frame("/live/beat", show_axes=False, visible=False)
         nothing = np.zeros((1, 2, 3), dtype=np.float32)
         self._trail = scene.add_line_segments(
             "/live/trail", nothing, look.TRAIL, thickness=3.0, thickness_units="screen", visible=False
         )
         self._route = scene.add_line_segments(
             "/live/route", nothing, look.ROUTE, thickness=9.0, thickness_units="screen", visible=False
+        )
+        self._off = scene.add_line_segments(
+            "/live/off", nothing, look.CLOSEST, thickness=2.0, thickness_units="screen", visible=False
         )
         self._dots = {
             name: scene.add_icosphere(
@@ -58,9 +70,11 @@ class LiveLayer:
         """Draw the walker as known now; what is old is grey, dated, and as uncertain as a walker who went on."""
         state = view.state
         with self._client.atomic():
+            self._beat.position = (view.now_s - view.now_s % _BEAT_EVERY_S, 0.0, 0.0)
+            self._others.show(view.others, view.now_s)
             self._show_routes(view)
             if state is None or state.pose is None:
-                self._root.visible = False
+                self._root.visible = self._off.visible = False
                 self._dot("position", None)
                 self._dot("sub_goal", None)
                 self._dot("closest", None)
@@ -69,13 +83,17 @@ class LiveLayer:
             self._root.position = (x_m, y_m, 0.0)
             self._root.wxyz = meshes.quat_about_z(heading_rad)
             self._root.visible = True
-            believed = view.freshness in (Freshness.LIVE, Freshness.DELAYED)
+            believed = view.is_believed
             self._figure.show(view, eye_m, believed)
             self._extras.show(state, eye_m, believed)
             self._extras.show_silhouette(view)
             self._dot("position", (x_m, y_m))
             self._dot("sub_goal", state.sub_goal if believed else None)
-            self._dot("closest", view.closest_m if believed else None)
+            closest_m = view.closest_m if believed else None
+            self._dot("closest", closest_m)
+            self._off.visible = closest_m is not None
+            if closest_m is not None:
+                self._off.points = meshes.line_segments(np.array([(x_m, y_m), closest_m]), _DOT_Z_M).astype(np.float32)
 
     @property
     def cue_spot(self) -> LabelSpot | None:
@@ -93,7 +111,9 @@ class LiveLayer:
         _show_path(self._trail, view.trail_m, _TRAIL_Z_M)
         _show_path(self._route, view.route_m, _ROUTE_Z_M)
         colour = look.ROUTE if view.freshness is Freshness.LIVE else look.dimmed(look.ROUTE, 0.5)
-        self._route.colors = np.array(colour, dtype=np.uint8)
+        self._route.colors = np.array(colour if view.is_believed else look.WALKER_STALE, dtype=np.uint8)
+        if self._trail.visible:
+            self._trail.colors = trail_colours(view)
 
     def _dot(self, name: str, place_m: tuple[float, float] | None) -> None:
         dot = self._dots[name]
@@ -183,6 +203,9 @@ class _Extras:
             color=(235, 235, 235), wxyz=(0.5, -0.5, 0.5, -0.5), format="jpeg", jpeg_quality=70, visible=False,
             cast_shadow=False, receive_shadow=False,
         )  # fmt: skip
+        self._scan = scene.add_point_cloud(
+            "/walker/scan", nothing[0], look.CANDIDATE, point_size=0.07, point_shape="circle", visible=False
+        )
         self._silhouette_id = 0
 
     def show(self, state: WalkerState, eye_m: float, believed: bool) -> None:
@@ -197,15 +220,24 @@ class _Extras:
             lift = np.array([0.0, 0.0, _FAN_Z_M + 0.1])
             ends = np.stack([lift + 0.35 * tip, lift + (0.35 + _ARROW_LENGTH_M) * tip])[None]
             self._chosen.points = ends.astype(np.float32)
+        self._show_scan(state, shown)
         self._camera.position = (0.0, 0.0, eye_m)
         self._camera.visible = shown
 
     def show_silhouette(self, view: LiveView) -> None:
-        """Put the latest silhouette on the camera's image plane, where it is a new one."""
-        image = view.silhouette_rgb
-        if image is not None and id(image) != self._silhouette_id:
-            self._silhouette_id = id(image)
+        """Put the latest silhouette on the camera's image plane, while it may still hold."""
+        image = view.silhouette_rgb if view.is_silhouette_believed else None
+        silhouette_id = 0 if image is None else id(image)
+        if silhouette_id != self._silhouette_id:
+            self._silhouette_id = silhouette_id
             self._camera.image = image
+
+    def _show_scan(self, state: WalkerState, shown: bool) -> None:
+        scan = getattr(getattr(state, "trace", None), "scan", None)
+        points_m, colours_rgb = scan_points(scan) if shown and scan is not None else (np.zeros((0, 3)), None)
+        self._scan.visible = len(points_m) > 0
+        if colours_rgb is not None and self._scan.visible:
+            self._scan.points, self._scan.colors = points_m.astype(np.float16), colours_rgb
 
     def _show_sonar(self, state: WalkerState, eye_m: float, shown: bool) -> None:
         self._sonar.visible = shown and state.sonar_state in ("ok", "no_echo")
@@ -216,6 +248,16 @@ class _Extras:
         self._sonar.position = (0.0, 0.0, max(eye_m - 0.1, 0.3))
         self._sonar.color = look.SONAR_NEAR if reach_m < 2.0 else look.SONAR
         self._sonar.opacity = 0.3 if reach_m < 2.0 else 0.12
+
+
+def trail_colours(view: LiveView) -> NDArray[np.uint8]:
+    """Return a colour for both ends of each piece of the trail (n − 1, 2, 3): the farther off the route, the stronger."""
+    if not view.is_believed or view.trail_deviations_m is None:
+        colour = look.TRAIL if view.is_believed else look.WALKER_STALE
+        return np.full((len(view.trail_m) - 1, 2, 3), colour, dtype=np.uint8)
+    far = np.nan_to_num(np.clip(view.trail_deviations_m / _FAR_OFF_M, 0.0, 1.0))[:, None]
+    colours = ((1.0 - far) * look.TRAIL + far * look.SONAR_NEAR).astype(np.uint8)
+    return np.stack([colours[:-1], colours[1:]], axis=1)
 
 
 def fan_segments(state: WalkerState) -> FloatArray:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from console.live import Freshness, LiveDevice
+from console.live import Freshness, LiveDevice, freshness
 from navcore.angles import wrap_rad
 from navcore.geometry import FloatArray
 from navcore.types import Reason
@@ -32,6 +32,10 @@ class LiveView:
     """The latest depth silhouette, decoded."""
     trail_m: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
     """Where the walker has been, points (n, 2), the newest last."""
+    trail_deviations_m: FloatArray | None = None
+    """How far off the route the walker was at each (n,); NaN where there was no route."""
+    others: tuple[LiveDevice, ...] = ()
+    """The other devices."""
 
     @property
     def state(self) -> WalkerState | None:
@@ -49,6 +53,20 @@ class LiveView:
         return self.device.freshness(self.now_s) if self.device is not None else Freshness.LOST
 
     @property
+    def is_believed(self) -> bool:
+        """Whether what the device saw and decided may still hold; older than that it is not drawn."""
+        return self.freshness in (Freshness.LIVE, Freshness.DELAYED)
+
+    @property
+    def is_silhouette_believed(self) -> bool:
+        """Whether the depth image, which comes more rarely than the state, may still hold."""
+        image = self.device.depth_image if self.device is not None else None
+        if self.device is None or image is None:
+            return False
+        age_s = self.device.age_of(image.stamp_s, self.now_s) + (self.device.clock_uncertainty_s or 0.0)
+        return freshness(age_s, self.device.connected) in (Freshness.LIVE, Freshness.DELAYED)
+
+    @property
     def uncertainty_m(self) -> float:
         """Radius of the disc that holds the walker: the pose's own, growing at walking speed with its age."""
         longest_age_s = self.device.longest_age_s(self.now_s) if self.device is not None else None
@@ -62,7 +80,7 @@ class LiveView:
     def cue(self) -> str:
         """What was said last, while it is recent by the device's own clock; empty otherwise."""
         state = self.state
-        if state is None or state.last_cue_stamp_s is None or self.freshness in (Freshness.STALE, Freshness.LOST):
+        if state is None or state.last_cue_stamp_s is None or not self.is_believed:
             return ""
         return state.last_cue if state.stamp_s - state.last_cue_stamp_s <= CUE_SHOWN_S else ""
 
@@ -103,12 +121,11 @@ class Trail:
 
     def __init__(self) -> None:
         self._points_m: list[tuple[float, float]] = []
-        self._array_m: FloatArray = np.zeros((0, 2))
-
-    @property
-    def points_m(self) -> FloatArray:
+        self._deviations_m: list[float] = []
+        self.points_m: FloatArray = np.zeros((0, 2))
         """Points (n, 2), the newest last."""
-        return self._array_m
+        self.deviations_m: FloatArray = np.zeros(0)
+        """How far off the route each of them is (n,); NaN where there was no route."""
 
     def add(self, state: WalkerState) -> None:
         """Add the position of a state, where it has one and has moved."""
@@ -121,6 +138,8 @@ class Trail:
                 return
             if moved_m > 3.0:
                 self._points_m.clear()
+                self._deviations_m.clear()
         self._points_m.append(point)
-        del self._points_m[:-_TRAIL_POINTS_COUNT]
-        self._array_m = np.array(self._points_m)
+        self._deviations_m.append(state.deviation_m if state.deviation_m is not None else math.nan)
+        del self._points_m[:-_TRAIL_POINTS_COUNT], self._deviations_m[:-_TRAIL_POINTS_COUNT]
+        self.points_m, self.deviations_m = np.array(self._points_m), np.array(self._deviations_m)

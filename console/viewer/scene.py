@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import cv2
@@ -39,6 +39,7 @@ from navcore.wire import DepthImage
 
 _log = logging.getLogger(__name__)
 TICK_S = 0.05
+_NO_TRAIL = Trail()
 
 
 class Scene:
@@ -115,19 +116,19 @@ class Scene:
                 self._trails.setdefault(device.device_id, Trail()).add(device.state)
         for view in tuple(self.views.values()):
             try:
-                view.tick(self._live_view(devices.get(view.walker_panel.device_id or "")))
+                view.tick(self._live_view(view.walker_panel.device_id or "", devices))
             except Exception:
                 # One window that fails must not freeze the others.
                 _log.exception("A window of %s could not be brought up to date.", view.person.user_name)
 
-    def _live_view(self, device: LiveDevice | None) -> LiveView:
+    def _live_view(self, device_id: str, devices: Mapping[str, LiveDevice]) -> LiveView:
         now_s = self._services.hub.now_s()
+        device = devices.get(device_id)
+        others = tuple(other for key, other in devices.items() if key != device_id)
         if device is None:
-            return LiveView(None, now_s)
-        trail = self._trails.get(device.device_id)
-        return LiveView(
-            device, now_s, self._silhouette(device), trail.points_m if trail is not None else np.zeros((0, 2))
-        )
+            return LiveView(None, now_s, others=others)
+        trail = self._trails.get(device_id, _NO_TRAIL)
+        return LiveView(device, now_s, self._silhouette(device), trail.points_m, trail.deviations_m, others)
 
     def _silhouette(self, device: LiveDevice) -> NDArray[np.uint8] | None:
         """Return the latest silhouette, decoded once for all windows."""

@@ -22,7 +22,7 @@ from console.presence import Doing
 from console.publishing import UnconfirmedError, publish
 from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
-from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, ViewRequest
+from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ViewRequest
 from console.viewer.appearance import LIGHT, THEMES, Theme
 from console.viewer.begun import Drawing, FloorPoint, Mode
 from console.viewer.cloud import FloorBounds
@@ -301,6 +301,9 @@ class SessionView:
             case FollowDevice(device_id):
                 if device_id is not None:
                     self.walker_panel.choose(device_id)
+            case MoveCamera(to):
+                move = self.view_panel.follow if to == "walker" else self.view_panel.overview
+                move()
             case FlyToPoi(poi_id):
                 poi = self.editor.graph.pois.get(poi_id)
                 if poi is not None:

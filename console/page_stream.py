@@ -1,0 +1,90 @@
+"""The sockets that pages listen on: each is told what happens until it goes or its session ends.
+
+All that a page may say on it is to ask for the console's clock, so that it knows how old is what it shows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+from collections.abc import Awaitable, Callable
+
+import msgspec
+from fastapi import WebSocket, WebSocketDisconnect
+
+from console.requests import signed_in
+from console.services import Services
+from console.sockets import SIGNED_OUT_CODE
+from navcore.wire_pace import Allowance
+
+REFUSED_CODE = 1008
+"""WebSocket close code: the page said something that cannot be read, or asks too often."""
+MAX_ASKED_BYTES = 200
+CLOCK_ASKED_HZ = 2.0
+
+
+class ClockAsked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="clock", tag_field="type"):
+    """A page asks what time it is here."""
+
+    page_sent_s: float
+    """When it asked, on the page's own clock."""
+
+
+class ClockTold(msgspec.Struct, frozen=True, tag="clock", tag_field="type"):
+    """The answer: with the time at which it arrives, all four that :mod:`console.clock_offset` explains."""
+
+    page_sent_s: float
+    console_received_s: float
+    console_sent_s: float
+
+
+_asked_decoder = msgspec.json.Decoder(ClockAsked)
+
+
+async def serve(socket: WebSocket, services: Services, stream: Callable[[], Awaitable[None]]) -> None:
+    """Accept a page's socket and run ``stream`` on it until the page goes, its session ends, or it talks nonsense."""
+    visitor = signed_in(socket)
+    await socket.accept()
+    loop, signed_out = asyncio.get_running_loop(), asyncio.Event()
+    forget = services.sockets.add(visitor.session_id, lambda: set_from_any_thread(loop, signed_out))
+    listening = asyncio.create_task(_listen(socket, services.hub.now_s))
+    tasks = [asyncio.ensure_future(stream()), listening, asyncio.create_task(signed_out.wait())]
+    try:
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        forget()
+        code = listening.result() if listening.done() and not listening.cancelled() else 1000
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close(SIGNED_OUT_CODE if signed_out.is_set() else code)
+
+
+def set_from_any_thread(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -> None:
+    """Set an event of a loop that may have ended meanwhile."""
+    with contextlib.suppress(RuntimeError):
+        loop.call_soon_threadsafe(event.set)
+
+
+async def _listen(socket: WebSocket, now_s: Callable[[], float]) -> int:
+    """Answer the page until it goes; return the code to close the socket with."""
+    allowance = Allowance(CLOCK_ASKED_HZ, now_s())
+    while (received := await socket.receive())["type"] != "websocket.disconnect":
+        received_s = now_s()
+        asked = _read(received.get("text") or "")
+        if asked is None or not allowance.take(received_s):
+            return REFUSED_CODE
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            told = ClockTold(asked.page_sent_s, received_s, now_s())
+            await socket.send_text(msgspec.json.encode(told).decode())
+    return 1000
+
+
+def _read(text: str) -> ClockAsked | None:
+    if len(text) > MAX_ASKED_BYTES:
+        return None
+    try:
+        return _asked_decoder.decode(text)
+    except (msgspec.MsgspecError, RecursionError):
+        return None

@@ -78,7 +78,9 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
 def _view_request(body: ViewBody, services: Services) -> ViewRequest:
     if sum(asked is not None for asked in (body.fly_to, body.point, body.follow, body.camera)) != 1:
-        raise BadRequestError("Ask the scene for one thing: a place or a point to fly to, a device to show, or a camera.")
+        raise BadRequestError(
+            "Ask the scene for one thing: a place or a point to fly to, a device to show, or a camera."
+        )
     if body.camera is not None:
         return MoveCamera(body.camera)
     if body.point is not None:

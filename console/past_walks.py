@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import logging
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from console.errors import NotFoundError
@@ -33,6 +33,10 @@ class PastWalk:
     parts: tuple[Path, ...]
     """MCAP files in order."""
     has_pictures: bool
+    software_version: str
+    """Of the device."""
+    graph_version: int
+    """Of the PoI-graph that the device ran; 0 where its files do not say so."""
     sha256: str
     """Checksum of its first file: what is kept about the walk is kept, and deleted, beside that."""
     size_bytes: int
@@ -81,7 +85,7 @@ class PastWalks:
         self._heads = {stored.file: head for stored in here if (head := self._heads.get(stored.file)) is not None}
         # A walk between two others, in which nobody was led, is sent by hand alone; it is no walk in the list.
         found = [_walk(parts) for parts in walks.values() if any(part.head.says.is_walk for part in parts)]
-        return tuple(sorted(found, key=lambda walk: (-walk.began_at_s, walk.walk_id)))
+        return tuple(sorted(_told_apart(found), key=lambda walk: (-walk.began_at_s, walk.walk_id)))
 
     def named(self, walk_id: str) -> PastWalk:
         """Return a walk. Raises NotFoundError."""
@@ -135,10 +139,23 @@ def _walk(parts: list[_Part]) -> PastWalk:
         length_s=sum(part.head.length_s for part in parts),
         parts=tuple(part.stored.file for part in parts),
         has_pictures=any(part.head.says.has_pictures for part in parts),
+        software_version=says.software_version,
+        graph_version=says.graph_version,
         sha256=first.stored.entry.offer.sha256,
         size_bytes=sum(part.stored.entry.offer.size_bytes for part in parts),
         troubles=(*_missing(numbers), *(part.head.trouble for part in parts if part.head.trouble)),
     )
+
+
+def _told_apart(walks: list[PastWalk]) -> list[PastWalk]:
+    """Return walks of which no two have the same name, though two devices may call theirs the same."""
+    taken: Counter[str] = Counter()
+    apart = []
+    for walk in sorted(walks, key=lambda walk: (walk.device, walk.sha256)):
+        taken[walk.walk_id] += 1
+        number = taken[walk.walk_id]
+        apart.append(walk if number == 1 else replace(walk, walk_id=f"{walk.walk_id}-{number}"))
+    return apart
 
 
 def _missing(numbers: Iterable[int]) -> tuple[str, ...]:

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import msgspec
 import numpy as np
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
-from mcap.records import Message
+from mcap.records import McapRecord, Message
 from numpy.typing import NDArray
 
 from console.errors import NotFoundError
@@ -25,12 +28,14 @@ from navcore.errors import InputError
 from navcore.geometry import FloatArray
 from navcore.settings import SettingValue
 from navcore.silhouette import silhouette_jpeg
-from navcore.walk_file import WalkFile
+from navcore.walk_file import block_at
 from navcore.walk_messages import SettingsMessage, depths_of
 from navcore.wire import PROTOCOL_VERSION, DepthImage, Event, Hello, Point2, RouteChanged, WalkerState
 
 EVENTS_KEPT_COUNT = 200
 """As many of the latest events as a live device has."""
+_BLOCKS_KEPT_COUNT = 4
+"""Instants that follow one another mostly lie in one block: half a second."""
 NUMBERS = (
     "x_m", "y_m", "heading_rad", "position_std_m", "deviation_m", "remaining_m", "nearest_ahead_m", "sonar_m",
     "speed_m_s",
@@ -97,6 +102,9 @@ class WalkTimeline:
     _where: tuple[Where, ...]
     """Of each cycle's state."""
     _depths: tuple[Where, ...]
+    _blocks: Callable[[Path, int], list[McapRecord]] = field(
+        default_factory=lambda: lru_cache(maxsize=_BLOCKS_KEPT_COUNT)(block_at)
+    )
 
     @property
     def began_s(self) -> float:
@@ -140,7 +148,10 @@ class WalkTimeline:
         settings = self.settings_at(stamp_s)
         revision = settings.revision if settings else 0
         walk = self.walk
-        hello = Hello(PROTOCOL_VERSION, walk.device[:120], "", walk.site_id, walk.map_checksum, 0, revision, stamp_s)
+        hello = Hello(
+            PROTOCOL_VERSION, walk.device[:120], walk.software_version[:120], walk.site_id, walk.map_checksum,
+            walk.graph_version, revision, stamp_s,
+        )  # fmt: skip
         seen = bisect_right(self.events, stamp_s, key=lambda event: event.stamp_s)
         depth = self._depth_before(stamp_s)
         return LiveDevice(
@@ -150,7 +161,7 @@ class WalkTimeline:
             depth_image=None if depth is None else DepthImage(depth.stamp_s, b""),
             events=self.events[max(0, seen - EVENTS_KEPT_COUNT) : seen],
             settings=None if settings is None else flat(settings.settings), settings_revision=revision,
-            map_checksum=walk.map_checksum,
+            map_checksum=walk.map_checksum, graph_version=walk.graph_version,
         )  # fmt: skip
 
     def depth_jpeg(self, stamp_s: float) -> bytes:
@@ -176,7 +187,7 @@ class WalkTimeline:
     def _message(self, where: Where) -> bytes:
         """Return a message by where it lies. Raises NotFoundError."""
         try:
-            records = WalkFile(self.walk.parts[where.part]).block_at(where.offset)
+            records = self._blocks(self.walk.parts[where.part], where.offset)
         except InputError as error:
             raise NotFoundError("This walk was deleted meanwhile.") from error
         for record in records:

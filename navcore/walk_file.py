@@ -54,6 +54,9 @@ class WalkPart:
     site_id: str
     map_checksum: str
     has_pictures: bool
+    software_version: str
+    graph_version: int
+    """Of the PoI-graph that it began with; 0 where the file does not say so."""
     began_at_s: float
     """Unix time; of the run where the file does not say its own."""
 
@@ -73,6 +76,7 @@ class WalkPart:
             recording_id, number, _whole(description.get("walk_part" if number else "part"), 1),
             description.get("walking", "yes") == "yes", description.get("device_id", ""),
             description.get("site_id", ""), description.get("map_checksum", ""), description.get("pictures") == "yes",
+            description.get("software_version", ""), _whole(description.get("graph_version"), 0),
             _seconds(description.get("began_at_unix_s")) or _run_began_s(recording_id),
         )  # fmt: skip
 
@@ -125,29 +129,14 @@ class WalkFile:
         Ends at the first damage. Raises InputError.
         """
         self.damage = ""
-        with self._opened_file() as file:
+        with _opened(self.path) as file:
             if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
                 raise InputError(f"{self.path} is no MCAP file: name a file that `vbr walks list` shows.")
             file.seek(0)
-            yield from self._until_damaged(file, skip_magic=False)
+            yield from self._until_damaged(file)
 
-    def block_at(self, offset: int) -> list[McapRecord]:
-        """Return the records that lie together at a byte that :meth:`blocks` told; none where it is damaged now.
-
-        Raises InputError where the file is gone.
-        """
-        with self._opened_file() as file:
-            file.seek(offset)
-            return next((records for _, records in self._until_damaged(file, skip_magic=True)), [])
-
-    def _opened_file(self) -> BinaryIO:
-        try:
-            return self.path.open("rb")
-        except OSError as error:
-            raise InputError(f"{self.path} cannot be read ({error.strerror}): name a file of a walk.") from error
-
-    def _until_damaged(self, file: BinaryIO, *, skip_magic: bool) -> Iterator[tuple[int, list[McapRecord]]]:
-        reader = StreamReader(file, skip_magic=skip_magic, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
+    def _until_damaged(self, file: BinaryIO) -> Iterator[tuple[int, list[McapRecord]]]:
+        reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
         offset = file.tell()
         try:
             for record in reader.records:
@@ -178,6 +167,27 @@ class WalkFile:
                 f"{self.path} has the format {version or 'of no version'}, and this program reads {FORMAT_VERSION}:"
                 " use the version of the program that recorded it."
             )
+
+
+def block_at(path: Path, offset: int) -> list[McapRecord]:
+    """Return the records that lie together at a byte that :meth:`WalkFile.blocks` told.
+
+    None where it is damaged now. Raises InputError where the file is gone.
+    """
+    with _opened(path) as file:
+        file.seek(offset)
+        try:
+            reader = StreamReader(file, skip_magic=True, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
+            return unpacked(next(reader.records))
+        except (OSError, StopIteration, *_DAMAGE):
+            return []
+
+
+def _opened(path: Path) -> BinaryIO:
+    try:
+        return path.open("rb")
+    except OSError as error:
+        raise InputError(f"{path} cannot be read ({error.strerror}): name a file of a walk.") from error
 
 
 def unpacked(record: McapRecord) -> list[McapRecord]:

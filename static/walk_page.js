@@ -57,7 +57,7 @@ export function openWalk(id, walk, graph) {
 }
 
 function showPlaying(player) {
-  $("play").replaceChildren(icon(player.playing ? "paused" : "walk"), player.playing ? "Pause" : "Play");
+  $("play").replaceChildren(icon(player.playing ? "paused" : "play"), player.playing ? "Pause" : "Play");
 }
 
 function controls(player, stops) {

@@ -46,8 +46,7 @@ async function showList() {
       { key: "on-map", title: "On the map", plain: true, text: () => "", cell: (row) => el("label", { class: "check" }, el("input", { type: "checkbox", checked: chosen.has(row.walk_id), "data-key": `${row.walk_id} chosen`, "aria-label": `Draw the walk of ${date(row.began_at_s)} on the map`, onchange: (event) => choose(row, event.target.checked) })) },
     ],
   });
-  table.sortBy("date");
-  table.sortBy("date");
+  table.sortBy("date"); // the newest first
   const plan = new WalkPlan($("overlay-plan"), $("overlay-layers"), graph, "Floor plan with what happened in the chosen walks; pointing at a mark tells its figures.", "overlay");
   let rows = [];
 

@@ -270,6 +270,7 @@ class WalkFiles:
             "pictures": "yes" if self._options.pictures else "no",
             "site_id": opening.state.site_id,
             "map_checksum": opening.state.map_checksum,
+            "graph_version": str(opening.state.graph.version),
         }
 
     def _remove_old(self) -> None:

@@ -63,7 +63,7 @@ def test_a_past_walk_is_played_scrubbed_and_stepped(small_site: Site, tmp_path: 
         )
 
         # Marks: the list and the keys go to the same instants.
-        page.locator("#marks button", has_text="0:02").first.click()
+        page.locator("#marks li", has_text="The console paused guidance.").get_by_role("button").first.click()
         expect(state).to_have_text("Paused")
         page.keyboard.press("End")
         page.keyboard.press("p")

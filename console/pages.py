@@ -25,6 +25,7 @@ PAGES = {
     "/exchange": "exchange.html",
     "/settings": "settings.html",
     "/alerts": "alerts.html",
+    "/walks": "walks.html",
     "/map-walks": "map-walks.html",
     "/admin": "admin.html",
 }

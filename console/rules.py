@@ -56,6 +56,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/exchange"): EVERYBODY,
     ("GET", "/settings"): EVERYBODY,
     ("GET", "/alerts"): EVERYBODY,
+    ("GET", "/walks"): EVERYBODY,
     ("GET", "/map-walks"): MAPPERS,
     ("GET", "/admin"): ADMINS,
     # Signing in and out.
@@ -118,6 +119,13 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/incidents/{incident_id}/bundle.zip"): EVERYBODY,
     ("DELETE", "/api/incidents/{incident_id}"): ADMINS,
     ("POST", "/api/devices/{device_id}/keep"): EVERYBODY,
+    # Past walks of devices.
+    ("GET", "/api/walks"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}/instants"): EVERYBODY,
+    ("GET", "/api/walks/{walk_id}/depth.jpg"): EVERYBODY,
+    ("GET", "/api/walk-overlays"): EVERYBODY,
+    ("GET", "/api/walk-figures.csv"): EVERYBODY,
     # Map walks, and what was recorded of them.
     ("POST", "/api/devices/{device_id}/map-walk/begin"): MAPPERS,
     ("POST", "/api/devices/{device_id}/map-walk/end"): MAPPERS,

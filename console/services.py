@@ -17,6 +17,7 @@ from console.live import Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
+from console.past_walks import PastWalks
 from console.presence import Presence
 from console.recordings import Recordings
 from console.rehearsals import Rehearsals, Sounds
@@ -26,6 +27,7 @@ from console.store import Store
 from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
+from console.walk_library import WalkLibrary
 from navcore.settings import SettingValue
 
 
@@ -50,6 +52,10 @@ class Services:
     """The one way to change settings of a device: checked, numbered, audited."""
     recordings: Recordings
     """What devices have sent."""
+    walks: PastWalks
+    """The walks among these."""
+    walk_library: WalkLibrary
+    """The same, read."""
     builds: MapBuilds
     """Maps that are built of these."""
     site_imports: SiteImports
@@ -94,6 +100,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     devices = DeviceStore(store)
     tuning = Tuning(devices, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
+    walks = PastWalks(recordings)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
 
@@ -116,6 +123,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         package=package,
         tuning=tuning,
         recordings=recordings,
+        walks=walks,
+        walk_library=WalkLibrary(walks),
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),

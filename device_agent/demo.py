@@ -58,6 +58,9 @@ def _run(arguments: argparse.Namespace) -> int:
     from navcore.settings import Settings, parse_assignment
 
     # Before the first start's minutes of mapping.
+    if not arguments.headless and not arguments.no_console and arguments.record is None:
+        # Nobody's walk is anybody's secret in a simulation, and the console has something to show.
+        arguments.record, arguments.share_walks = arguments.data / "walks", True
     record = recording_options(arguments)
     office_floor().place(arguments.start)
     scenario_from(arguments)

@@ -85,7 +85,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         uplink = NoUplink() if journal is None else _link(options, store, kept, journal, real, stack)
         for trouble in [*kept.troubles, *filter(None, [store.went_back])]:
             uplink.event(real.now_s(), "mode", trouble[:500])
-        tap = _tap(options, stack)
+        tap = _tap(options, uplink, stack)
         logged = LoggedUplink(RealTimeUplink(uplink, paced) if paced else uplink)
         parts = DeviceParts(
             clock, hardware.camera, hardware.sonar, hardware.output, logged, make_localizer, store, options.device_id,
@@ -194,13 +194,15 @@ def _map_walks(
     )
 
 
-def _tap(options: DeviceOptions, stack: ExitStack) -> Tap:
+def _tap(options: DeviceOptions, uplink: Uplink, stack: ExitStack) -> Tap:
     """Return what listens in on the loop: a recorder that writes beside it, where one is wanted."""
     if options.record is None:
         return Tap()
     from device_agent.recording.recorder import WalkRecorder
 
     recorder = WalkRecorder(options.record)
+    if isinstance(uplink, ConsoleLink):
+        recorder.files.on_finished = uplink.recording_waits
     stack.callback(recorder.close)
     recorder.start()
     return recorder
@@ -229,6 +231,7 @@ def _link(
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
         seed=zlib.crc32(options.device_id.encode()), map_walks=options.map_walks,
+        walks=options.record.folder if options.record is not None and options.record.shared else None,
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
     if kept.writable:

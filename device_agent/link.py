@@ -26,8 +26,8 @@ from device_agent.map_intake import MapIntake
 from device_agent.outbox import Outbox
 from device_agent.ports import Clock, EventKind, KeptMessage
 from device_agent.recording_uploads import RecordingUploads
-from device_agent.silhouette import silhouette_jpeg
 from navcore.errors import VbrError, VersionError, WireError
+from navcore.silhouette import silhouette_jpeg
 from navcore.types import Frame
 from navcore.wire import (
     MAX_MESSAGE_BYTES,

@@ -51,3 +51,5 @@ class LinkSettings:
     """Of the jitter of the pauses: another one for each device, lest all come back in the same instant."""
     map_walks: Path | None = None
     """Folder of the map walks, whose recordings go to the console's machine; None where there are none."""
+    walks: Path | None = None
+    """Folder of the recorded walks that are shared with the console; None where the walker shares none."""

@@ -1,4 +1,4 @@
-"""The recordings of map walks that wait for the console's machine: sent one at a time, beside the connection.
+"""The recordings that wait for the console's machine: sent one at a time, beside the connection, map walks first.
 
 One that is interrupted again and again lets the next go first, and has its turn again when they have had theirs.
 """
@@ -11,14 +11,11 @@ from collections import Counter
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
-import msgspec
-
 from device_agent.link_settings import LinkSettings
 from device_agent.map_download import MapSource
-from device_agent.map_walk.walk_folder import STATE_FILE, handed_over, read_state, write_state
+from device_agent.recording_queues import MapWalkQueue, RecordingQueue, WalkQueue
 from device_agent.recording_upload import InterruptedUploadError, send_recording, unhurried
-from device_agent.state import MapWalkTold, Phrase
-from navcore.cues.table import CueKind
+from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import RecordingOffer
@@ -43,14 +40,18 @@ class RecordingUploads:
         """Put it together.
 
         Args:
-            settings: where the console and the map walks are.
+            settings: where the console, the map walks, and the walks that are shared are.
             waits: set when there is another recording.
             until_quiet: returns once nothing more urgent is to be sent.
             pause_s: how long to wait after so many failures in a row.
             wait: waits.
             tell: hears what is to be said.
         """
-        self._folder = settings.map_walks
+        self._queues: list[RecordingQueue] = []
+        if settings.map_walks is not None:
+            self._queues.append(MapWalkQueue(settings.map_walks))
+        if settings.walks is not None:
+            self._queues.append(WalkQueue(settings.walks))
         self._console = MapSource(settings.url, settings.token, settings.tls)
         self._waits, self._until_quiet = waits, until_quiet
         self._pause_s, self._wait, self._tell = pause_s, wait, tell
@@ -59,48 +60,52 @@ class RecordingUploads:
 
     async def run(self) -> None:
         """Send what waits, for ever."""
-        if self._folder is None:
-            return
         while True:
             self._waits.clear()
-            settled = [await self._settle(walk) for walk in await asyncio.to_thread(handed_over, self._folder)]
-            if all(settled):
+            if all([await self._sent_all(queue) for queue in self._queues]):
                 await self._waits.wait()
 
-    async def _settle(self, walk: Path) -> bool:
+    async def _sent_all(self, queue: RecordingQueue) -> bool:
+        """Send what waits of a kind; False where it is not known yet what becomes of some of it."""
+        return all([await self._settle(queue, recording) for recording in await asyncio.to_thread(queue.waiting)])
+
+    async def _settle(self, queue: RecordingQueue, recording: Path) -> bool:
         """Send a recording, and keep what has become of it; False where that is not known yet."""
+        failure = ""
         try:
-            if not await self._sent_in_turn(walk):
+            if not await self._sent_in_turn(queue, recording):
                 return False
-            stage, reason, told = "sent", "", "map_sent"
         except Exception as error:
             # Whatever is wrong with one, the others are sent, and it stays where it is.
-            stage, reason, told = "failed", str(error)[:500], "map_not_sent"
-            _log.warning("the recording of %s is not sent: %s", walk.name, error)
+            failure = str(error)[:500] or type(error).__name__
+            _log.warning("the recording of %s is not sent: %s", recording.name, error)
         try:
-            state = msgspec.structs.replace(read_state(walk), stage=stage, reason=reason)
-            await asyncio.to_thread(write_state, walk, state)
-            self._tell(MapWalkTold(CueKind.MAP_NEWS, (Phrase(told),)))
+            told = await asyncio.to_thread(queue.settle, recording, failure)
         except (OSError, VbrError) as error:
             # It is offered again at the next start; the console knows that it has it.
-            _log.warning("what has become of %s cannot be kept: %s", walk.name, error)
+            _log.warning("what has become of %s cannot be kept: %s", recording.name, error)
+            return True
+        if told is not None:
+            self._tell(told)
         return True
 
-    async def _sent_in_turn(self, walk: Path) -> bool:
+    async def _sent_in_turn(self, queue: RecordingQueue, recording: Path) -> bool:
         """Send a recording; False where it was interrupted as often as the others can wait for."""
         await self._until_quiet()
-        archive = await asyncio.to_thread(RecordingArchive, walk, {STATE_FILE})
-        if walk not in self._checksums:
-            self._checksums[walk] = await self._checksum(archive)
-        offer = RecordingOffer("recording", walk.name, archive.size_bytes, self._checksums[walk], read_state(walk).date)
+        archive = await asyncio.to_thread(queue.archive, recording)
+        if recording not in self._checksums:
+            self._checksums[recording] = await self._checksum(archive)
+        date = await asyncio.to_thread(queue.date, recording)
+        name = recording.stem[:120]
+        offer = RecordingOffer(queue.kind, name, archive.size_bytes, self._checksums[recording], date)
         for _ in range(ATTEMPTS_PER_TURN):
             try:
                 await send_recording(archive, offer, self._console, self._until_quiet)
                 return True
             except InterruptedUploadError as error:
-                self._failures[walk] += 1
+                self._failures[recording] += 1
                 _log.info("%s", error)
-                await self._wait(self._pause_s(self._failures[walk]))
+                await self._wait(self._pause_s(self._failures[recording]))
         return False
 
     async def _checksum(self, archive: RecordingArchive) -> str:

@@ -12,7 +12,7 @@ from device_agent.ports import EventKind, KeptMessage, LocalizerPort
 from navcore.calibration import Calibration
 from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS, Language
-from navcore.modes import Mode
+from navcore.modes import ON_THE_WAY, Mode
 from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.facing import FacingWatch
 from navcore.obstacle.memory import ObstacleMemory
@@ -23,8 +23,6 @@ from navcore.settings import Settings
 from navcore.site import Site
 from navcore.types import Guidance, Localization, Pose2D, Route
 
-ON_THE_WAY = frozenset({Mode.GUIDING, Mode.LOST})
-"""Somebody is being led and goes on by themselves, as soon as the position is known and nothing has failed."""
 TrailPoint = tuple[float, float, float]
 """Stamp (s), x and y (m) of the walker."""
 

@@ -11,10 +11,10 @@ import numpy as np
 
 from device_agent.cycle import Cycle
 from device_agent.simulation.walker import WalkerBody
-from device_agent.state import ON_THE_WAY
 from navcore.cues.table import Cue
+from navcore.deviation import DeviationFigures, distance_to_polyline_m
 from navcore.geometry import FloatArray
-from navcore.modes import Mode
+from navcore.modes import ON_THE_WAY, Mode
 from navcore.types import LocalizationQuality, Route
 
 ARRIVED_WITHIN_M = 2.0
@@ -77,6 +77,7 @@ def measured(
     """Return the figures of a walk: its samples, the walker's body at its end, and where the place truly is."""
     map_from_building, rmse_m = _alignment(samples)
     deviations_m, path_m = _deviations(samples, map_from_building)
+    deviation = DeviationFigures.of(deviations_m)
     said = any(sample.mode is Mode.ARRIVED for sample in samples)
     distance_m = math.nan if place_m is None else math.hypot(body.x_m - place_m[0], body.y_m - place_m[1])
     near = place_m is None or distance_m <= ARRIVED_WITHIN_M
@@ -87,9 +88,9 @@ def measured(
         arrived=said and near,
         outcome=_outcome(samples, said, near),
         contacts=body.contacts,
-        deviation_max_m=float(deviations_m.max()) if len(deviations_m) else math.nan,
-        deviation_mean_m=float(deviations_m.mean()) if len(deviations_m) else math.nan,
-        deviation_variance_m2=float(deviations_m.var()) if len(deviations_m) else math.nan,
+        deviation_max_m=deviation.max_m,
+        deviation_mean_m=deviation.mean_m,
+        deviation_variance_m2=deviation.variance_m2,
         seconds=(guided or samples)[-1].cycle.stamp_s - samples[0].cycle.stamp_s,
         cycles=len(samples),
         median_ms=float(np.median(work_ms)),
@@ -165,13 +166,3 @@ def _deviations(samples: Sequence[Sample], map_from_building: FloatArray) -> tup
         path.append(here)
         deviations.append(distance_to_polyline_m(here, sample.route.points_m))
     return np.array(deviations), np.array(path).reshape(-1, 2)
-
-
-def distance_to_polyline_m(point_m: FloatArray, polyline_m: FloatArray) -> float:
-    """Return the distance of a point (2,) from a polyline (n, 2), n ≥ 1."""
-    if len(polyline_m) == 1:
-        return float(np.hypot(*(point_m - polyline_m[0])))
-    begins, steps = polyline_m[:-1], np.diff(polyline_m, axis=0)
-    share = ((point_m - begins) * steps).sum(axis=1) / np.maximum((steps**2).sum(axis=1), 1e-12)
-    nearest = begins + np.clip(share, 0.0, 1.0)[:, None] * steps
-    return float(np.hypot(*(point_m - nearest).T).min())

@@ -52,7 +52,7 @@ def _to_wanted(state: DeviceState, pose: Pose2D, wanted_id: str, now_s: float) -
     changed = state.destination_id != wanted_id
     state = replace(_with_route(state, route), destination_id=wanted_id, wanted_id=None)
     effects: tuple[Effect, ...] = (mode_event(state),) if changed else ()
-    return state, (*effects, _route_message(state, now_s))
+    return state, (*effects, route_message(state, now_s))
 
 
 def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> Step:
@@ -60,7 +60,7 @@ def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> 
     effects: tuple[Effect, ...] = (Notice(refusal), Happened("route_refused", refusal))
     if state.route is not None and state.destination_id != wanted_id:
         state = replace(state, wanted_id=None)
-        return state, (*effects, _with_refusal(_route_message(state, now_s), refusal))
+        return state, (*effects, _with_refusal(route_message(state, now_s), refusal))
     state, ended = happen(state, StateEvent.NO_WAY, now_s, refusal=refusal)
     return state, (*effects, *ended)
 
@@ -88,7 +88,7 @@ def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -
         return state, ()
     state = _with_route(state, route)
     happened = Happened("mode", "Off the road: a new way is planned.")
-    return state, (_notice(state, "way_anew"), happened, _route_message(state, now_s))
+    return state, (_notice(state, "way_anew"), happened, route_message(state, now_s))
 
 
 # ----------------------------------------------------------------------------------------------- a blocked way
@@ -131,7 +131,7 @@ def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) 
         return state, (_notice(state, "way_blocked_wait"), blocked)
     state = _with_route(state, route)
     happened = Happened("mode", f"The way is blocked: another one, {route.length_m:.0f} m, is taken.")
-    return state, (_notice(state, "way_blocked"), happened, _route_message(state, now_s))
+    return state, (_notice(state, "way_blocked"), happened, route_message(state, now_s))
 
 
 # -------------------------------------------------------------------------------------------------------- parts
@@ -168,7 +168,8 @@ def _notice(state: DeviceState, key: str) -> Notice:
     return Notice(TEXTS[state.settings.cues.language][key].format(metres=metres))
 
 
-def _route_message(state: DeviceState, now_s: float) -> RouteChanged:
+def route_message(state: DeviceState, now_s: float) -> RouteChanged:
+    """Return what the console is told of the way that is walked; there is one."""
     route = state.route
     assert route is not None
     points = tuple((float(x), float(y)) for x, y in route.points_m)

@@ -64,9 +64,15 @@ export class Plan {
     const drawing = svg("svg", { viewBox: box.join(" "), role: "img", "aria-label": this.captionWords(this.marks.length) });
     if (this.picture) drawing.append(svg("image", { href: this.picture.url, x: box[0], y: box[1], width: box[2], height: box[3] }));
     else drawing.append(...this.sketch(unit));
+    drawing.append(...this.over(unit));
     drawing.append(...this.marks.map((mark) => this.mark(mark, unit)));
     this.figure.replaceChildren(drawing);
     setText(this.caption, this.captionWords(this.marks.length));
+  }
+
+  /** What lies between the picture and the marks: for plans that show more. */
+  over() {
+    return [];
   }
 
   bounds() {

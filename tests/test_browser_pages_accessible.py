@@ -22,9 +22,8 @@ FOCUS_IS_IN_TOUR = """
 () => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
 """
 PAGES = (
-    "/", "/overview", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange",
-    "/map-walks", "/settings",
-    "/alerts", "/admin",
+    "/", "/overview", "/walks", "/alerts", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks",
+    "/rehearse", "/exchange", "/map-walks", "/settings", "/privacy", "/admin",
 )  # fmt: skip
 
 

@@ -24,8 +24,8 @@ from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.replay import cue_line, replay
 from device_agent.recording.walk_files import parts_in
 from device_agent.walk import run_walk
-from device_agent.walk_measures import distance_to_polyline_m
 from navcore.cues.table import CueKind
+from navcore.deviation import distance_to_polyline_m
 from navcore.site import Site, load_site, save_site
 from navcore.wire import Hello, RouteChanged, Say, SetDestination, SettingsRunning, WalkerState
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -26,7 +27,8 @@ from device_agent.recording.replay import replay
 from device_agent.recording.tap import Tap
 from device_agent.recording.walk_files import FLUSH_EVERY_S, RETRY_AFTER_S, WalkFiles, parts_in
 from navcore.errors import InputError
-from navcore.wire import Pause, SetDestination
+from navcore.walk_file import WalkFile
+from navcore.wire import ClearDestination, ConsoleMessage, Pause, Resume, SetDestination
 
 
 class Times:
@@ -90,6 +92,52 @@ def test_a_file_ends_when_it_is_old_and_the_next_one_can_be_replayed_alone(tmp_p
         assert RecordedPart(path).length_s() is not None
     chained = [each.notes.number for each in replay(map(RecordedPart, paths))]
     assert chained == list(range(1, 51))
+
+
+def said_in(path: Path, topic: str) -> list[bytes]:
+    return [message.data for channel, message in WalkFile(path).messages() if channel.topic == topic]
+
+
+def test_a_walk_has_files_of_its_own_that_say_which_walk_and_when(tmp_path: Path) -> None:
+    """Waiting; a walk with a pause whose file got too old; waiting; and two walks one right after the other."""
+    times, finished = Times(), []
+    rig, recorder = recorded_rig(RecordingOptions(tmp_path, max_part_s=2.0), times)
+    recorder.files.on_finished = lambda: finished.append(True)
+
+    def asked(order: ConsoleMessage, cycles: int) -> None:
+        rig.agent.submit(order)
+        run(rig, recorder, times, cycles)
+
+    run(rig, recorder, times, 5)
+    began_s = times.wall_s
+    asked(SetDestination("bar"), 10)
+    asked(Pause(), 5)
+    asked(Resume(), 10)
+    asked(ClearDestination(), 50)
+    asked(SetDestination("bar"), 5)
+    asked(ClearDestination(), 5)
+    asked(SetDestination("bar"), 5)
+    recorder.close()
+    paths = parts_in(tmp_path)
+    parts = [WalkFile(path).part for path in paths]
+    walks = [(part.walk_number, part.part) for part in parts if part.is_walk]
+    assert not parts[0].is_walk, "nobody was led yet"
+    assert walks[:2] == [(1, 1), (1, 2)], "a pause belongs to the walk, which goes on in the next file"
+    assert [number for number, part in walks if part == 1] == [1, 2, 3]
+    assert not all(part.is_walk for part in parts[1:]), "what lies between two walks is neither's"
+    assert parts[1].began_at_s == pytest.approx(began_s, abs=0.2)
+    assert len({part.walk_id for part in parts if part.is_walk}) == 3
+    assert len(finished) == len(parts), "each file was told of"
+    assert [number for path in paths for number in numbers(path)] == list(range(1, 96))
+    for part, path in zip(parts, paths, strict=True):
+        assert_replays(path)
+        modes = {json.loads(state)["mode"] for state in said_in(path, "/device")}
+        assert part.is_walk or not modes & {"guiding", "paused", "lost"}
+    # What led to the walk is in its own file, and where it leads to.
+    assert any(b"Leading to" in line for line in said_in(paths[1], "/log"))
+    assert not any(b"Leading to" in line for line in said_in(paths[0], "/log"))
+    way = json.loads(said_in(paths[1], "/device/route")[-1])
+    assert (way["destination_id"], way["stops"][-1][0]) == ("bar", "Bar")
 
 
 def test_a_file_ends_when_it_is_large(tmp_path: Path) -> None:

@@ -28,6 +28,7 @@ from device_agent.recording.walk_files import parts_in
 from navcore.errors import InputError
 from navcore.geometry import Transform, rotation_from_quat_xyzw
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality, ObstacleScan
+from navcore.walk_messages import depths_of, pixels_of
 from navcore.wire import ApplySettings, Say, SetDestination
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
@@ -249,7 +250,7 @@ def test_depth_comes_back_bit_for_bit_whatever_its_unit(seed: int, factor: float
     depth_m = (np.round(rng.uniform(0.2, 9.0, (7, 9)) * factor) / factor).astype(np.float32)
     if holes:
         depth_m[rng.random(depth_m.shape) < 0.3] = np.nan
-    again = foxglove.depths_of(foxglove.depth_image(1.0, depth_m))
+    again = depths_of(foxglove.depth_image(1.0, depth_m))
     assert again.dtype == np.float32
     assert np.array_equal(again, depth_m, equal_nan=True)
 
@@ -262,7 +263,7 @@ def test_a_millimetre_camera_is_kept_in_millimetres() -> None:
     for odd in (np.float32(np.inf), np.float32(-1.0), np.float32(0.0), np.float32(70.0)):
         strange = depth_m.copy()
         strange[1, 1] = odd
-        assert np.array_equal(foxglove.depths_of(foxglove.depth_image(1.0, strange)), strange, equal_nan=True)
+        assert np.array_equal(depths_of(foxglove.depth_image(1.0, strange)), strange, equal_nan=True)
 
 
 def test_a_scan_with_gaps_keeps_its_bearings() -> None:
@@ -294,10 +295,10 @@ def test_damaged_pictures_are_refused_in_words() -> None:
     good = foxglove.picture(0.0, "camera", wide_picture(0.0).grey)
     good.data = good.data[:20]
     with pytest.raises(InputError, match="damaged"):
-        foxglove.pixels_of(good)
+        pixels_of(good)
     good.data = b""
     with pytest.raises(InputError, match="damaged"):
-        foxglove.pixels_of(good)
+        pixels_of(good)
     depth = foxglove.depth_image(0.0, np.ones((3, 4), np.float32))
     for change in ({"width": 5}, {"encoding": "mono8"}, {"data": b"123"}, {"height": 2**31}):
         spoilt = type(depth)()
@@ -305,7 +306,7 @@ def test_damaged_pictures_are_refused_in_words() -> None:
         for name, value in change.items():
             setattr(spoilt, name, value)
         with pytest.raises(InputError, match="damaged"):
-            foxglove.depths_of(spoilt)
+            depths_of(spoilt)
 
 
 def test_the_page_of_the_docs_has_the_table_of_the_code() -> None:

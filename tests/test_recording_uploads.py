@@ -9,10 +9,12 @@ import sys
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from console_room import first_admin
 from device_console import Console
+from recorded_walk import STORED_WALK
 from test_device_link import Device, make_link
 
 from console.recordings import RESERVE_BYTES
@@ -29,6 +31,7 @@ from device_agent.map_walk.walk_folder import (
     write_checksums,
     write_state,
 )
+from device_agent.recording_queues import SENT_FILE, WalkQueue
 from device_agent.recording_upload import InterruptedUploadError, send_recording
 from device_agent.recording_uploads import RecordingUploads
 from device_agent.state import MapWalkTold
@@ -268,3 +271,68 @@ def test_nothing_of_a_recording_is_read_before_it_is_quiet_and_its_reading_ends_
 
     asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
     assert read_state(walk).stage == "handed_over", "it is offered at the next start"
+
+
+# ---------------------------------------------------------------------------------------------------------- walks
+def sent_walks(source: MapSource, folder: Path, until: Callable[[], bool]) -> None:
+    """Let the uploads of recorded walks run until something is so."""
+    settings = LinkSettings(source.console_url, source.token, folder / "incoming", walks=folder)
+
+    async def run() -> None:
+        uploads = RecordingUploads(settings, asyncio.Event(), at_once, lambda failures: 0.0, at_once, lambda told: None)
+        running = asyncio.create_task(uploads.run())
+        while not until():
+            await asyncio.sleep(0.005)  # until the file that says so is there; it is given up after the deadline
+        running.cancel()
+
+    asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
+
+
+def noted(folder: Path) -> dict[str, dict[str, str]]:
+    try:
+        return msgspec.json.decode((folder / SENT_FILE).read_bytes(), type=dict[str, dict[str, str]])
+    except FileNotFoundError:
+        return {}
+
+
+def test_walks_go_to_the_console_by_themselves_once_and_stay_on_the_device(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    """A whole one, one that a crash has cut, and one that is being written: the last waits until it is complete."""
+    folder, walk = tmp_path / "walks", STORED_WALK.read_bytes()
+    folder.mkdir()
+    whole, cut, written = (folder / f"20261129T1147{second}Z-glasses-001.mcap" for second in ("18", "30", "59"))
+    whole.write_bytes(walk)
+    cut.write_bytes(walk[: len(walk) // 2])
+    written.write_bytes(walk[:-100])
+    assert WalkQueue(folder).waiting() == (whole, cut)
+    sent_walks(source, folder, lambda: len(noted(folder)) == 2)
+    there = {stored.entry.offer.name: stored for stored in server.services.recordings.all()}
+    assert set(there) == {whole.stem, cut.stem}
+    assert all(stored.complete and stored.entry.offer.kind == "walk" for stored in there.values())
+    assert there[whole.stem].entry.offer.date == "2026-11-29"
+    assert there[whole.stem].file.read_bytes() == walk
+    assert WalkQueue(folder).waiting() == (), "nothing is sent twice, at no later start either"
+    written.write_bytes(walk)
+    assert WalkQueue(folder).waiting() == (written,)
+    assert sorted(path.name for path in folder.glob("*.mcap")) == [whole.name, cut.name, written.name]
+    (folder / SENT_FILE).write_bytes(b"\xff{")
+    assert WalkQueue(folder).waiting() == (whole, cut, written), "the console says at once what it has"
+
+
+def test_a_walk_that_the_console_refuses_is_noted_with_the_reason_and_stops_no_other(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    folder = tmp_path / "walks"
+    folder.mkdir()
+    paths = [folder / f"20261129T1147{second}Z-glasses-001.mcap" for second in ("18", "30")]
+    for path in paths:
+        path.write_bytes(STORED_WALK.read_bytes())
+    settle = WalkQueue(folder).settle
+    settle(paths[0], "The disk is on fire.")
+    settle(folder / "20200101T000000Z-glasses-001.mcap", "")
+    assert set(noted(folder)) == {paths[0].name, "20200101T000000Z-glasses-001.mcap"}
+    sent_walks(source, folder, lambda: paths[1].name in noted(folder))
+    assert noted(folder) == {paths[0].name: {"failure": "The disk is on fire."}, paths[1].name: {"failure": ""}}
+    (there,) = server.services.recordings.all()
+    assert there.entry.offer.name == paths[1].stem

@@ -20,16 +20,23 @@ from google.protobuf.message import Message
 from google.protobuf.wrappers_pb2 import BytesValue
 
 from device_agent.recording.json_schema import plain_schema
-from device_agent.recording.messages import (
-    SETTINGS_SCHEMA,
+from device_agent.recording.messages import SETTINGS_SCHEMA, PoseMessage, StageTimesMessage
+from navcore.types import Guidance, SonarReading
+from navcore.walk_messages import (
+    CUES_TOPIC,
+    DEPTH_TOPIC,
+    DEVICE_TOPIC,
+    LOG_TOPIC,
+    ORDERS_TOPIC,
+    ROAD_TOPIC,
+    ROUTE_TOPIC,
+    SETTINGS_TOPIC,
+    WAY_TOPIC,
     HeardCue,
     OrderMessage,
-    PoseMessage,
     SettingsMessage,
-    StageTimesMessage,
 )
-from navcore.types import Guidance, SonarReading
-from navcore.wire import WalkerState
+from navcore.wire import RouteChanged, WalkerState
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +76,7 @@ COLOUR = Channel(
     "/camera/colour", RawImage, "What the camera saw (rgb8), as it was: nothing is lost.", "each frame", True
 )
 DEPTH = Channel(
-    "/camera/depth", RawImage,
+    DEPTH_TOPIC, RawImage,
     "Depth: whole millimetres (16UC1) where the frame's depths are that, metres (32FC1) where they are not.",
     "each frame", True,
 )  # fmt: skip
@@ -84,22 +91,29 @@ TRANSFORMS = Channel(
 )  # fmt: skip
 POSE = Channel("/walker/pose", PoseInFrame, "Where the camera is in the map.", "each frame with a pose")
 OBSTACLES = Channel("/obstacles", LaserScan, "The nearest obstacle or drop in each bearing.", "each frame")
-ROAD = Channel("/road", SceneUpdate, "The virtual blind road and its places.", "at the beginning, and on change")
-ROUTE = Channel("/route", SceneUpdate, "The way that is walked.", "at the beginning, and on change")
+ROAD = Channel(ROAD_TOPIC, SceneUpdate, "The virtual blind road and its places.", "at the beginning, and on change")
+ROUTE = Channel(ROUTE_TOPIC, SceneUpdate, "The way that is walked.", "at the beginning, and on change")
+WAY = Channel(
+    WAY_TOPIC, RouteChanged, "The way that is walked, its destination and the places that it passes.",
+    "at the beginning, and on change",
+)  # fmt: skip
 ADVICE = Channel("/guidance/scene", SceneUpdate, "Sub-goal, and where guidance leads.", "each cycle")
-LOG = Channel("/log", Log, "Events, and every word that the walker heard.", "as they happen")
+LOG = Channel(LOG_TOPIC, Log, "Events, and every word that the walker heard.", "as they happen")
 GUIDANCE = Channel("/guidance", Guidance, "What guidance decided, with the whole decision trace.", "each cycle")
 LOCALIZATION = Channel("/localization", PoseMessage, "Pose, quality and standard deviation.", "each frame")
 SONAR = Channel("/sonar", SonarReading, "The rangefinder's reading.", "each frame")
-CUES = Channel("/cues", HeardCue, "What the walker heard, words and tones, and who said it.", "as they are played")
-SETTINGS = Channel("/settings", SettingsMessage, "The settings, and their revision.", "at the beginning, and on change")
-DEVICE = Channel("/device", WalkerState, "What the console is told of the device.", "each cycle")
-ORDERS = Channel("/orders", OrderMessage, "What somebody asked of the device.", "as they are carried out")
+CUES = Channel(CUES_TOPIC, HeardCue, "What the walker heard, words and tones, and who said it.", "as they are played")
+SETTINGS = Channel(
+    SETTINGS_TOPIC, SettingsMessage, "The settings, and their revision.", "at the beginning, and on change"
+)
+DEVICE = Channel(DEVICE_TOPIC, WalkerState, "What the console is told of the device.", "each cycle")
+ORDERS = Channel(ORDERS_TOPIC, OrderMessage, "What somebody asked of the device.", "as they are carried out")
 STAGES = Channel("/stages", StageTimesMessage, "How long each stage took.", "each cycle")
 REPLAY = Channel("/replay/cycle", BytesValue, "All that a replay needs, to the last bit (msgpack).", "each cycle")
 
 CHANNELS: tuple[Channel, ...] = (
-    COLOUR, DEPTH, FISHEYE, CALIBRATION, FISHEYE_CALIBRATION, TRANSFORMS, POSE, OBSTACLES, ROAD, ROUTE, ADVICE, LOG,
+    COLOUR, DEPTH, FISHEYE, CALIBRATION, FISHEYE_CALIBRATION, TRANSFORMS, POSE, OBSTACLES, ROAD, ROUTE, WAY, ADVICE,
+    LOG,
     GUIDANCE, LOCALIZATION, SONAR, CUES, SETTINGS, DEVICE, ORDERS, STAGES, REPLAY,
 )  # fmt: skip
 """All of them."""

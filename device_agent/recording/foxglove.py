@@ -34,7 +34,6 @@ from google.protobuf.timestamp_pb2 import Timestamp
 from numpy.typing import NDArray
 
 from navcore.angles import in_world
-from navcore.errors import InputError
 from navcore.geometry import Transform, rotation_about_z
 from navcore.planning.poi_graph import PoiGraph
 from navcore.recording import depth_from_units, units_from_depth
@@ -50,10 +49,10 @@ from navcore.types import (
     ObstacleScan,
     Route,
 )
+from navcore.walk_file import NS_PER_S
+from navcore.walk_messages import MM_PER_M
 
 MAP, WALKER, CAMERA, FISHEYE = "map", "walker", "camera", "fisheye"
-NS_PER_S = 1_000_000_000
-_MM_PER_M = 1000.0
 _ABOVE_FLOOR_M = 0.02
 """Lines lie a little above the floor, so that a grid drawn there does not hide them."""
 _ROAD = Color(r=0.4, g=0.6, b=1.0, a=0.8)
@@ -87,25 +86,12 @@ def picture(stamp_s: float, frame_id: str, pixels: ImageRgb | ImageGrey) -> RawI
     return _raw(stamp_s, frame_id, pixels, "rgb8" if pixels.ndim == 3 else "mono8")
 
 
-def pixels_of(image: RawImage) -> NDArray[np.uint8]:
-    """Return the pixels of a picture, (h, w, 3) red first, or (h, w) grey. Raises InputError."""
-    channels = {"rgb8": (3,), "mono8": ()}.get(image.encoding)
-    return _values(image, "u1", channels).astype(np.uint8)
-
-
 def depth_image(stamp_s: float, depth_m: DepthImage) -> RawImage:
     """Return depths (h, w), metres, without loss: as whole millimetres where they are that, else as they are."""
-    millimetres = units_from_depth(depth_m, _MM_PER_M)
-    if np.array_equal(depth_from_units(millimetres, _MM_PER_M), depth_m, equal_nan=True):
+    millimetres = units_from_depth(depth_m, MM_PER_M)
+    if np.array_equal(depth_from_units(millimetres, MM_PER_M), depth_m, equal_nan=True):
         return _raw(stamp_s, CAMERA, millimetres.astype("<u2"), "16UC1")
     return _raw(stamp_s, CAMERA, depth_m.astype("<f4"), "32FC1")
-
-
-def depths_of(image: RawImage) -> DepthImage:
-    """Return the depths (h, w), metres. Raises InputError."""
-    if image.encoding == "16UC1":
-        return depth_from_units(_values(image, "<u2", ()).astype(np.uint16), _MM_PER_M)
-    return _values(image, "<f4", () if image.encoding == "32FC1" else None).astype(np.float32)
 
 
 def _raw(stamp_s: float, frame_id: str, values: NDArray[Any], encoding: str) -> RawImage:
@@ -114,17 +100,6 @@ def _raw(stamp_s: float, frame_id: str, values: NDArray[Any], encoding: str) -> 
         timestamp=timestamp(stamp_s), frame_id=frame_id, width=width, height=height, encoding=encoding,
         step=values.nbytes // max(1, height), data=values.tobytes(),
     )  # fmt: skip
-
-
-def _values(image: RawImage, dtype: str, channels: tuple[int, ...] | None) -> NDArray[Any]:
-    try:
-        if channels is None:
-            raise ValueError(image.encoding)
-        return np.frombuffer(image.data, dtype).reshape(image.height, image.width, *channels)
-    except ValueError as error:
-        raise InputError(
-            "A picture of the recording is damaged: replay it without --site, from poses and scans."
-        ) from error
 
 
 def calibration(stamp_s: float, camera: CameraIntrinsics) -> CameraCalibration:

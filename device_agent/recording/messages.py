@@ -9,27 +9,8 @@ import msgspec
 
 from device_agent.cycle import Cycle
 from device_agent.load_plan import LoadLevel
-from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import Localization
-
-Speaker = Literal["loop", "watchdog"]
-
-
-class HeardCue(msgspec.Struct, frozen=True):
-    """A cue that was played."""
-
-    speaker: Speaker
-    cue: Cue
-
-
-class OrderMessage(msgspec.Struct, frozen=True):
-    """An order that was carried out."""
-
-    stamp_s: float
-    kind: str
-    content: str = ""
-    """The message as JSON, where it came from the console."""
 
 
 class StageTimesMessage(msgspec.Struct, frozen=True):
@@ -59,14 +40,6 @@ class StageTimesMessage(msgspec.Struct, frozen=True):
             cycle.stamp_s, **known, fault=cycle.fault, load_level=level.value, pictures_dropped=pictures_dropped,
             pose_late=cycle.pose_late,
         )  # fmt: skip
-
-
-class SettingsMessage(msgspec.Struct, frozen=True):
-    """The settings that run."""
-
-    revision: int
-    settings: dict[str, Any]
-    """By group and name."""
 
 
 SETTINGS_SCHEMA: dict[str, Any] = {

@@ -30,6 +30,8 @@ class RecordingOptions:
     """Older files are removed: a recording is for finding out what happened, not for good."""
     reserve_bytes: int = _GIB // 4
     """So much of the disk is left to the rest of the device."""
+    shared: bool = False
+    """Walks are sent to the console, where people may look at them."""
 
 
 def add_recording_options(parser: argparse._ActionsContainer) -> None:
@@ -50,14 +52,20 @@ def add_recording_options(parser: argparse._ActionsContainer) -> None:
         metavar="N",
         help="remove recordings after N days (default: %(default)g)",
     )
+    parser.add_argument(
+        "--share-walks",
+        action="store_true",
+        help="send recorded walks to the console: people there see where the walker went, and what was said",
+    )
 
 
 def recording_options(arguments: argparse.Namespace, device_id: str = "glasses") -> RecordingOptions | None:
     """Return what the flags say; None where nothing is to be recorded. Raises InputError."""
     folder: Path | None = arguments.record
     if folder is None:
-        if arguments.record_pictures:
-            raise InputError("--record-pictures needs a folder for the recording: name it with --record DIR.")
+        for flag, given in (("--record-pictures", arguments.record_pictures), ("--share-walks", arguments.share_walks)):
+            if given:
+                raise InputError(f"{flag} needs a folder for the recording: name it with --record DIR.")
         return None
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder} is a file: name a folder for the recordings.")
@@ -69,6 +77,7 @@ def recording_options(arguments: argparse.Namespace, device_id: str = "glasses")
     return RecordingOptions(
         folder, arguments.record_pictures, device_id, min(_GIB // 2, total_bytes // 4),
         max_total_bytes=total_bytes, keep_s=arguments.record_days * _DAY_S,
+        shared=arguments.share_walks,
     )  # fmt: skip
 
 
@@ -80,4 +89,5 @@ def recording_flags(options: RecordingOptions | None) -> list[str]:
         "--record", str(options.folder), "--record-gb", f"{options.max_total_bytes / _GIB!r}",
         "--record-days", f"{options.keep_s / _DAY_S!r}",
     ]  # fmt: skip
-    return [*flags, "--record-pictures"] if options.pictures else flags
+    also = (("--record-pictures", options.pictures), ("--share-walks", options.shared))
+    return flags + [flag for flag, given in also if given]

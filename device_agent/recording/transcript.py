@@ -13,22 +13,17 @@ from device_agent.orders import Lead, Order
 from device_agent.ports import ButtonPress, EventKind
 from device_agent.recording import channels, exact, foxglove
 from device_agent.recording.channels import Channel
-from device_agent.recording.messages import (
-    HeardCue,
-    OrderMessage,
-    PoseMessage,
-    SettingsMessage,
-    Speaker,
-    StageTimesMessage,
-)
+from device_agent.recording.messages import PoseMessage, StageTimesMessage
 from device_agent.recording.notes import Notepad, Opening
 from device_agent.state import DeviceState
 from device_agent.voice import VoiceMemory
+from device_agent.way import route_message
 from navcore import wire
 from navcore.cues.table import Cue
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.types import Frame, Localization, Route
+from navcore.walk_messages import HeardCue, OrderMessage, SettingsMessage, Speaker
 
 Message = tuple[Channel, float, object]
 """Channel, stamp (s), and the value to be encoded."""
@@ -65,7 +60,7 @@ class Transcript:
         yield channels.CALIBRATION, stamp_s, foxglove.calibration(stamp_s, self._opening.intrinsics)
         yield from self._standing(stamp_s, state)
         if state.route is None:
-            yield channels.ROUTE, stamp_s, foxglove.route(stamp_s, None)
+            yield from _way(stamp_s, state)
         if rehearsal is not None:
             yield from self._pictures(rehearsal)
 
@@ -112,7 +107,12 @@ class Transcript:
             yield channels.ROAD, stamp_s, foxglove.road(stamp_s, state.graph)
         if state.route is not self._route:
             self._route = state.route
-            yield channels.ROUTE, stamp_s, foxglove.route(stamp_s, state.route)
+            yield from _way(stamp_s, state)
+
+
+def _way(stamp_s: float, state: DeviceState) -> Iterator[Message]:
+    yield channels.ROUTE, stamp_s, foxglove.route(stamp_s, state.route)
+    yield channels.WAY, stamp_s, wire.RouteChanged(stamp_s) if state.route is None else route_message(state, stamp_s)
 
 
 def heard(speaker: Speaker, cue: Cue) -> Iterator[Message]:

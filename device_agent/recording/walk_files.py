@@ -1,14 +1,16 @@
 """The files of a walk: which one is written, when the next one begins, which old ones go, and what if the disk fails.
 
-A walk is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. A
-file ends when it is large or old enough, or where cycles are missing; old files go when all together are too large, or
-after some days. Only files of this kind are ever removed, and never the one that is written.
+A run is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. A
+file ends when it is large or old enough, where cycles are missing, and where a walk begins or ends, so that a walk has
+files of its own; each says of which walk it is. Old files go when all together are too large, or after some days. Only
+files of this kind are ever removed, and never the one that is written.
 """
 
 from __future__ import annotations
 
 import errno
 import logging
+import math
 import os
 import re
 import shutil
@@ -25,14 +27,16 @@ from device_agent.recording.part_writer import DiskSync, PartWriter, create
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.errors import InputError
 from navcore.types import CameraIntrinsics, Frame
+from navcore.walk_file import FORMAT_VERSION
 
-FORMAT_VERSION = 1
 FLUSH_EVERY_S = 0.5
 """So often everything is handed to the operating system; a crash loses less than a second."""
 SYNC_EVERY_S = 1.0
 RETRY_AFTER_S = 30.0
 _PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,60})-(?P<part>[0-9]{3,6})\.mcap")
 _MAX_EARLY = 256
+_AFTER_WALK_S = 3.0
+"""A walk's last file goes on for so long after it: what is said of its end belongs to it."""
 _log = logging.getLogger(__name__)
 
 
@@ -64,6 +68,29 @@ def parts_in(folder: Path) -> list[Path]:
     return [path for _, _, path in sorted(found)]
 
 
+class WalkWatch:
+    """Tells by the cycles which of them belong to a walk, and to which one of this run."""
+
+    def __init__(self) -> None:
+        self.number = 0
+        """Of the walk, or of the last one before what lies between two walks."""
+        self.is_walk = False
+        self._led_s = -math.inf
+
+    def see(self, item: CycleItem) -> bool:
+        """Take a cycle in; return whether something else begins with it: a walk, or what lies between two."""
+        led_before, led_after = item.state_before.leading, item.state.leading
+        stamp_s = item.cycle.stamp_s
+        begins = led_after and not led_before
+        if led_before or led_after:
+            self._led_s = stamp_s
+        before, self.is_walk = self.is_walk, stamp_s - self._led_s < _AFTER_WALK_S
+        if begins or (self.is_walk and not before):
+            self.number += 1
+            return True
+        return self.is_walk != before
+
+
 class WalkFiles:
     """Writes cycles and events to the files of a walk. No method raises because of the disk."""
 
@@ -82,6 +109,10 @@ class WalkFiles:
         self._report = report
         self._monotonic_s, self._wall_s = monotonic_s, wall_s
         self._open_file, self._free_bytes = open_file, free_bytes
+        self.on_finished: Callable[[], None] = lambda: None
+        """Called when a file has been completed."""
+        self._walk = WalkWatch()
+        self._walk_part = 0
         self._walk_id = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s())) + f"-{options.device_id}"
         self._part_number = 0
         self._part: PartWriter | None = None
@@ -90,7 +121,8 @@ class WalkFiles:
         self._part_began_s = self._flushed_s = self._synced_s = 0.0
         self._next_number = 0
         self._retry_s: float | None = None
-        self._early: list[Message] = []
+        self._waiting: list[Message] = []
+        """What is told of a cycle comes before it, and goes into its file."""
         self._sync = DiskSync()
         self.rehearsal: Frame | None = None
         """A picture that the localizer saw before the first cycle."""
@@ -102,13 +134,17 @@ class WalkFiles:
 
     def add_cycle(self, item: CycleItem, intrinsics: CameraIntrinsics) -> None:
         """Write a cycle, in the next file where one is due."""
+        turns = self._walk.see(item)
+        if turns:
+            self._walk_part = 0
         if self._retry_s is not None and self._monotonic_s() < self._retry_s:
             return
         try:
-            if not self._goes_on(item):
+            if turns or not self._goes_on(item):
                 self._begin_part(item, intrinsics)
             assert self._part is not None
             assert self._transcript is not None
+            self._write_waiting(self._part)
             for channel, stamp_s, message in self._transcript.cycle(item):
                 self._part.write(channel, stamp_s, message, item.number)
             self._next_number = item.number + 1
@@ -117,17 +153,15 @@ class WalkFiles:
             self._break_off(error)
 
     def add(self, messages: Iterable[Message]) -> None:
-        """Write what happened beside the cycles."""
-        if self._part is None:
-            # Before the first cycle there is no file yet; after the disk has failed there is none any more.
-            if self._retry_s is None:
-                self._early = [*self._early, *messages][-_MAX_EARLY:]
-            return
-        try:
-            for channel, stamp_s, message in messages:
-                self._part.write(channel, stamp_s, message)
-        except Exception as error:
-            self._break_off(error)
+        """Take in what happened beside the cycles: it is written with the next one, or with the next flush."""
+        # After the disk has failed there is no file that it belongs to.
+        if self._retry_s is None:
+            self._waiting = [*self._waiting, *messages][-_MAX_EARLY:]
+
+    def _write_waiting(self, part: PartWriter) -> None:
+        waiting, self._waiting = self._waiting, []
+        for channel, stamp_s, message in waiting:
+            part.write(channel, stamp_s, message)
 
     def flush_if_due(self) -> None:
         """Hand what was written to the operating system where that is due, and to the disk now and then."""
@@ -136,9 +170,10 @@ class WalkFiles:
             return
         try:
             self._flushed_s = now_s
+            self._write_waiting(self._part)
             self._part.flush()
             self._finish_for_want_of_room()
-        except OSError as error:
+        except Exception as error:
             self._break_off(error)
             return
         if self._path is not None and now_s - self._synced_s >= SYNC_EVERY_S:
@@ -148,8 +183,10 @@ class WalkFiles:
     def close(self) -> None:
         """Complete the file."""
         try:
+            if self._part is not None:
+                self._write_waiting(self._part)
             self._finish_part()
-        except OSError as error:
+        except Exception as error:
             self._break_off(error)
 
     def _goes_on(self, item: CycleItem) -> bool:
@@ -167,14 +204,14 @@ class WalkFiles:
         self._remove_old()
         self._check_room()
         self._part_number += 1
+        self._walk_part += 1
         rehearsal = self.rehearsal if self._options.pictures and item.number == 1 else None
         opening = _opening(item, intrinsics, self._walk_id, self._part_number, rehearsal)
         path = self._options.folder / PartName(self._walk_id, self._part_number).file_name
-        part = PartWriter(self._open_file(path), opening, _description(opening, self._options))
+        part = PartWriter(self._open_file(path), opening, self._description(opening))
         self._part, self._path, self._transcript = part, path, Transcript(opening)
         self._part_began_s = self._flushed_s = self._monotonic_s()
-        early, self._early = self._early, []
-        for channel, stamp_s, message in (*self._transcript.beginning(item.cycle.stamp_s, rehearsal), *early):
+        for channel, stamp_s, message in self._transcript.beginning(item.cycle.stamp_s, rehearsal):
             part.write(channel, stamp_s, message)
         if self._retry_s is not None:
             self._retry_s = None
@@ -199,12 +236,14 @@ class WalkFiles:
         except OSError:
             part.abandon()
             raise
+        self.on_finished()
 
     def _break_off(self, error: Exception) -> None:
         """The disk takes nothing more. Guidance goes on without; it is tried again later."""
         if self._part is not None:
             self._part.abandon()
         self._part = self._path = self._transcript = None
+        self._waiting = []
         is_news = self._retry_s is None
         self._retry_s = self._monotonic_s() + RETRY_AFTER_S
         _log.warning("recording broke off: %s", error)
@@ -214,6 +253,25 @@ class WalkFiles:
             else:
                 what = f"{type(error).__name__}: {error}): tell who maintains the device."
             self._report(f"The walk is not recorded any more ({what}")
+
+    def _description(self, opening: Opening) -> dict[str, str]:
+        """Return what a file says of itself (:class:`navcore.walk_file.WalkPart`)."""
+        walk = self._walk
+        return {
+            "format_version": str(FORMAT_VERSION),
+            "software_version": metadata.version("virtual-blind-road"),
+            "device_id": self._options.device_id,
+            "walk_id": opening.walk_id,
+            "part": str(opening.part),
+            "walk_number": str(walk.number) if walk.is_walk else "",
+            "walk_part": str(self._walk_part),
+            "walking": "yes" if walk.is_walk else "no",
+            "began_at_unix_s": f"{self._wall_s():.3f}",
+            "pictures": "yes" if self._options.pictures else "no",
+            "site_id": opening.state.site_id,
+            "map_checksum": opening.state.map_checksum,
+            "graph_version": str(opening.state.graph.version),
+        }
 
     def _remove_old(self) -> None:
         """Make room, so that all files with the next one stay within what is allowed; oldest first."""
@@ -239,16 +297,3 @@ def _opening(
         FORMAT_VERSION, walk_id, part, item.number, intrinsics, state, item.voice_before, waiting,
         None if rehearsal is None else FrameNotes.of(rehearsal),
     )  # fmt: skip
-
-
-def _description(opening: Opening, options: RecordingOptions) -> dict[str, str]:
-    return {
-        "format_version": str(FORMAT_VERSION),
-        "software_version": metadata.version("virtual-blind-road"),
-        "device_id": options.device_id,
-        "walk_id": opening.walk_id,
-        "part": str(opening.part),
-        "pictures": "yes" if options.pictures else "no",
-        "site_id": opening.state.site_id,
-        "map_checksum": opening.state.map_checksum,
-    }

@@ -1,0 +1,148 @@
+"""What waits to be sent to the console's machine, and what has become of it: kept on the disk, over every restart."""
+
+from __future__ import annotations
+
+import logging
+import time
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from device_agent.map_walk.walk_folder import STATE_FILE, handed_over, read_state, write_state
+from device_agent.recording.walk_files import parts_in
+from device_agent.state import MapWalkTold, Phrase
+from navcore.cues.table import CueKind
+from navcore.errors import InputError
+from navcore.recording_archive import RecordingArchive
+from navcore.recording_upload import RecordingKind
+from navcore.site_files import write_whole
+from navcore.walk_file import WalkFile
+
+SENT_FILE = "sent.json"
+"""In the folder of the recorded walks: which of them the console has, or will not have."""
+_log = logging.getLogger(__name__)
+
+
+class RecordingQueue(Protocol):
+    """Recordings of one kind that wait. The methods read the disk: not from the link's event loop."""
+
+    kind: RecordingKind
+
+    def waiting(self) -> tuple[Path, ...]:
+        """Return those that wait, oldest first."""
+        ...
+
+    def archive(self, recording: Path) -> RecordingArchive:
+        """Return the bytes of one. Raises RecordingError."""
+        ...
+
+    def date(self, recording: Path) -> str:
+        """Return the day on which one was recorded; empty where that is not known."""
+        ...
+
+    def settle(self, recording: Path, failure: str) -> MapWalkTold | None:
+        """Keep that one was sent, or (with a reason) that it cannot be; return what the walker hears of it.
+
+        Raises OSError, VbrError.
+        """
+        ...
+
+
+class MapWalkQueue:
+    """The recordings of map walks that were handed over."""
+
+    kind: RecordingKind = "recording"
+
+    def __init__(self, folder: Path) -> None:
+        """``folder`` holds the map walks."""
+        self._folder = folder
+
+    def waiting(self) -> tuple[Path, ...]:
+        """Return those that wait, oldest first."""
+        return handed_over(self._folder)
+
+    def archive(self, recording: Path) -> RecordingArchive:
+        """Return one as an archive."""
+        return RecordingArchive(recording, {STATE_FILE})
+
+    def date(self, recording: Path) -> str:
+        """Return the day on which it was walked."""
+        return read_state(recording).date
+
+    def settle(self, recording: Path, failure: str) -> MapWalkTold | None:
+        """Keep it in the walk's own state; the walker hears of it."""
+        stage, told = ("failed", "map_not_sent") if failure else ("sent", "map_sent")
+        write_state(recording, msgspec.structs.replace(read_state(recording), stage=stage, reason=failure))
+        return MapWalkTold(CueKind.MAP_NEWS, (Phrase(told),))
+
+
+class _Settled(msgspec.Struct, frozen=True):
+    """What became of a file."""
+
+    failure: str = ""
+    """Why it was not sent; empty where it was."""
+
+
+class WalkQueue:
+    """The files of recorded walks. Sending one deletes nothing: they go when the recorder makes room, or by age."""
+
+    kind: RecordingKind = "walk"
+
+    def __init__(self, folder: Path) -> None:
+        """``folder`` is where the recorder writes."""
+        self._folder = folder
+
+    def waiting(self) -> tuple[Path, ...]:
+        """Return the files of walks that are complete, or that nobody completes any more, oldest first."""
+        try:
+            files = parts_in(self._folder)
+        except InputError:
+            # Nothing was recorded yet.
+            return ()
+        settled = self._settled()
+        waiting = [path for path in files if path.name not in settled]
+        return tuple(path for path in waiting if (path != files[-1] or _is_complete(path)) and _is_walk(path))
+
+    def archive(self, recording: Path) -> RecordingArchive:
+        """Return one as it is."""
+        return RecordingArchive(recording)
+
+    def date(self, recording: Path) -> str:
+        """Return the day on which it was recorded."""
+        return time.strftime("%Y-%m-%d", time.gmtime(WalkFile(recording).part.began_at_s))
+
+    def settle(self, recording: Path, failure: str) -> MapWalkTold | None:
+        """Keep it in :data:`SENT_FILE`; the walker is not disturbed by it."""
+        here = {path.name for path in parts_in(self._folder)}
+        settled = {name: what for name, what in self._settled().items() if name in here}
+        settled[recording.name] = _Settled(failure)
+        write_whole(self._folder / SENT_FILE, msgspec.json.encode(settled))
+        return None
+
+    def _settled(self) -> dict[str, _Settled]:
+        path = self._folder / SENT_FILE
+        try:
+            return msgspec.json.decode(path.read_bytes(), type=dict[str, _Settled])
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, RecursionError, msgspec.MsgspecError) as error:
+            # Everything is offered again; the console says at once what it has already.
+            _log.warning("%s is passed over, for it cannot be read: %s", path, error)
+            return {}
+
+
+def _is_complete(path: Path) -> bool:
+    """Say whether a file has its index: the one that is being written has none."""
+    try:
+        return WalkFile(path).length_s() is not None
+    except InputError:
+        return False
+
+
+def _is_walk(path: Path) -> bool:
+    """Say whether somebody was led in a file; what cannot be read goes nowhere."""
+    try:
+        return WalkFile(path).part.is_walk
+    except InputError:
+        return False

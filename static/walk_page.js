@@ -1,0 +1,96 @@
+/* One past walk: the player, the strip, the plan, and the same panels as live, marked so that nobody takes them for now. */
+
+import { $, el, icon, setText } from "./dom.js";
+import { toast } from "./toast.js";
+import { SPEEDS, WalkPlayer } from "./walk_player.js";
+import { WalkPlan } from "./walk_plan.js";
+import { marksList, sayTime, Strip } from "./walk_strip.js";
+import { clock, date, timeOfDay } from "./walk_words.js";
+import { Walker } from "./walker.js";
+
+const STEP_S = 1;
+const LEAP_S = 10;
+
+/** Show a walk, as the console tells it; returns its plan. */
+export function openWalk(id, walk, graph) {
+  const { summary } = walk;
+  const figures = summary.figures;
+  const way = figures?.from_place && figures?.to_place ? `${figures.from_place} → ${figures.to_place}` : "Walk";
+  setText($("walk-title"), `${way}, ${date(summary.began_at_s)}`);
+  setText($("walk-facts"), `${summary.device}, ${clock(summary.length_s)}${figures ? `. ${figures.outcome}` : ""}`);
+  setText($("past-banner"), `Past walk, recorded ${date(summary.began_at_s)}. Nothing on this page is happening now.`);
+  $("walk-troubles").replaceChildren(...walk.troubles.map((trouble) => el("p", { class: "note warn" }, trouble)));
+  $("no-depth").hidden = summary.has_pictures;
+  document.title = `${way} · Walks · Virtual blind road`;
+
+  const walker = new Walker(
+    { now: $("past-now"), figures: $("past-figures"), depth: summary.has_pictures ? $("past-depth") : null, events: $("past-events") },
+    { prefix: "past-", depthUrl: (view) => `/api/walks/${encodeURIComponent(id)}/depth.jpg?at=${view.depth_at_s}` });
+  const plan = new WalkPlan($("walk-plan"), $("walk-layers"), graph, "Floor plan with the road, the route, the walker's trail by its distance from the route, and the walker at this instant.", "walk");
+  const strip = new Strip($("strip"), (at_s) => player.seek(at_s));
+  const player = new WalkPlayer({ id, length_s: walk.length_s, cycle_s: walk.cycle_s }, {
+    moved: (at_s) => {
+      strip.move(at_s);
+      sayTime($("player-time"), at_s, walk.length_s);
+      setText($("player-date"), timeOfDay(summary.began_at_s + at_s));
+    },
+    show: (instant) => {
+      const { view } = instant;
+      setText($("past-mark"), `Past walk: ${clock(instant.at_s, true)}`);
+      // In its own time everything here is fresh: the banner and the frame say that it is past.
+      walker.show({ ...view, depth_at_s: instant.depth_at_s }, { elapsed_s: 0, age_s: view.age_s, fresh: "live", poi: (poi) => graph.poi(poi) });
+      plan.place(view.state?.pose ?? null, view.state?.quality === "localized");
+    },
+    changed: () => showPlaying(player),
+    failed: (error) => toast(error.message),
+  });
+
+  strip.show(walk);
+  plan.showWalk(walk);
+  plan.fetch();
+  const seek = (at_s) => player.seek(at_s);
+  const stops = marksList($("marks"), walk.marks, seek).map(({ at_s }) => at_s);
+  controls(player, stops);
+  showPlaying(player);
+  player.seek(0);
+  return plan;
+}
+
+function showPlaying(player) {
+  $("play").replaceChildren(icon(player.playing ? "paused" : "play"), player.playing ? "Pause" : "Play");
+}
+
+function controls(player, stops) {
+  const previous = () => player.seek(stops.findLast((at_s) => at_s < player.at_s - 0.3) ?? 0);
+  const next = () => player.seek(stops.find((at_s) => at_s > player.at_s + 1e-3) ?? player.length_s);
+  const faster = (by) => {
+    const speed = SPEEDS[Math.min(Math.max(SPEEDS.indexOf(player.speed) + by, 0), SPEEDS.length - 1)];
+    $("speed").value = speed;
+    player.setSpeed(speed);
+  };
+  $("play").addEventListener("click", () => player.toggle());
+  $("previous").addEventListener("click", previous);
+  $("next").addEventListener("click", next);
+  $("speed").replaceChildren(...SPEEDS.map((speed) => el("option", { value: speed }, `${speed}×`)));
+  $("speed").value = 1;
+  $("speed").addEventListener("change", () => player.setSpeed(Number($("speed").value)));
+  const keys = {
+    " ": () => player.toggle(), ",": () => player.step(-1), ".": () => player.step(1), p: previous, n: next,
+    "-": () => faster(-1), "+": () => faster(1), "=": () => faster(1), Home: () => player.seek(0), End: () => player.seek(player.length_s),
+    ArrowLeft: (by) => player.seek(player.at_s - by), ArrowRight: (by) => player.seek(player.at_s + by),
+  };
+  document.addEventListener("keydown", (event) => {
+    const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
+    if (!act || event.ctrlKey || event.altKey || event.metaKey || takesKey(event.target, event.key)) return;
+    event.preventDefault();
+    act(event.shiftKey ? LEAP_S : STEP_S);
+  });
+}
+
+/** Whether something that has the focus needs the key for itself. */
+function takesKey(node, key) {
+  if (node.closest("dialog")) return true;
+  if (node.matches("input[type=range]")) return false;
+  if (key === " ") return node.matches("button, a, summary, input, select, textarea");
+  return node.matches("input:not([type=checkbox]), select, textarea");
+}

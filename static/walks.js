@@ -1,0 +1,128 @@
+/* The page Walks: the list of past walks and where on the map things happened in them; or one walk, played. */
+
+import { get } from "./api.js";
+import { $, el, onChange, setText } from "./dom.js";
+import { Graph } from "./graph.js";
+import { follow } from "./live.js";
+import { ready, start } from "./shell.js";
+import { Table } from "./table.js";
+import { toast } from "./toast.js";
+import { showCompared, showFigures, showLegs } from "./walk_figures.js";
+import { openWalk } from "./walk_page.js";
+import { WalkPlan } from "./walk_plan.js";
+import { clock, date, figure } from "./walk_words.js";
+
+const ASK_AGAIN_MS = 1500;
+await start();
+const graph = new Graph(() => {});
+await graph.fetch();
+const walkId = new URLSearchParams(location.search).get("walk");
+
+if (walkId) await showOne(walkId);
+else await showList();
+follow((data) => graph.heard(data), () => "devices=none");
+ready();
+
+// ------------------------------------------------------------------------------------------------------------ list
+async function showList() {
+  const chosen = new Set();
+  const of = (row, key) => row.figures?.[key];
+  const number = (value) => (value === null || value === undefined ? -1 : value);
+  const deviation = (row, key) => row.figures?.deviation[key];
+  const table = new Table({
+    place: $("walks-section"), name: "walks", label: "Walks", searchHint: "Place, device, date…",
+    empty: [el("p", {}, "No walk has come yet."), el("p", { class: "quiet" }, "A device sends the walks that the walker shares (vbr device --record DIR --share-walks), by itself, once they are over.")],
+    key: (row) => row.walk_id,
+    mark: (row) => chosen.has(row.walk_id),
+    columns: [
+      { key: "date", title: "Walked", head: true, text: (row) => String(row.began_at_s).padStart(16), cell: (row) => el("a", { href: `/walks?walk=${encodeURIComponent(row.walk_id)}`, "data-key": row.walk_id }, date(row.began_at_s)) },
+      { key: "way", title: "From → to", text: (row) => (row.figures ? `${row.figures.from_place || "?"} → ${row.figures.to_place || "?"}` : row.reading ? "Being read…" : "") , cell: wayCell },
+      { key: "device", title: "Device", class: "wide", text: (row) => row.device },
+      { key: "length", title: "Length", class: "number", text: (row) => Math.round(row.length_s), cell: (row) => clock(row.length_s) },
+      { key: "end", title: "End", text: (row) => of(row, "outcome") ?? "", cell: (row) => (of(row, "arrived") ? "✓ Arrived" : of(row, "outcome") ?? "") },
+      { key: "mean", title: "Deviation, mean", class: "number", text: (row) => number(deviation(row, "mean_m")), cell: (row) => figure(deviation(row, "mean_m"), "m") },
+      { key: "max", title: "Maximum", class: "number", text: (row) => number(deviation(row, "max_m")), cell: (row) => figure(deviation(row, "max_m"), "m") },
+      { key: "stops", title: "Stops", class: "number", text: (row) => number(of(row, "stop_count")), cell: (row) => String(of(row, "stop_count") ?? "–") },
+      { key: "on-map", title: "On the map", plain: true, text: () => "", cell: (row) => el("label", { class: "check" }, el("input", { type: "checkbox", checked: chosen.has(row.walk_id), "data-key": `${row.walk_id} chosen`, "aria-label": `Draw the walk of ${date(row.began_at_s)} on the map`, onchange: (event) => choose(row, event.target.checked) })) },
+    ],
+  });
+  table.sortBy("date"); // the newest first
+  const plan = new WalkPlan($("overlay-plan"), $("overlay-layers"), graph, "Floor plan with what happened in the chosen walks; pointing at a mark tells its figures.", "overlay");
+  let rows = [];
+
+  function choose(row, yes) {
+    if (yes) chosen.add(row.walk_id);
+    else chosen.delete(row.walk_id);
+    drawOverlays();
+  }
+
+  const drawOverlays = onChangeOf(() => [...chosen].sort(), async (ids) => {
+    const query = new URLSearchParams(ids.map((id) => ["walk", id]));
+    $("walks-csv").href = `/api/walk-figures.csv?${query}`;
+    setText($("overlays-words"), ids.length === 1 ? "One walk is drawn: choose others in the table." : `${ids.length} walks are drawn: choose them in the table.`);
+    if (ids.length === 0) return plan.showLayers(null);
+    plan.showLayers((await get(`/api/walk-overlays?${query}`)).layers);
+  });
+
+  const draw = onChange(() => {
+    table.show(rows);
+    for (const { walk_id, figures } of rows.filter(({ walk_id: id }) => !seen.has(id)).slice(0, MOST_CHOSEN)) if (figures) { seen.add(walk_id); chosen.add(walk_id); }
+    $("overlays").hidden = $("walks-csv").hidden = !rows.some(({ figures }) => figures);
+    table.show(rows);
+    drawOverlays();
+  });
+
+  const seen = new Set();
+  const MOST_CHOSEN = 50;
+  const ask = async () => {
+    ({ walks: rows } = await get("/api/walks"));
+    draw(rows);
+    // What is being read is there in a moment; what a device sends, when it has come.
+    setTimeout(() => ask().catch((error) => toast(error.message)), rows.some(({ reading }) => reading) ? ASK_AGAIN_MS : 10 * ASK_AGAIN_MS);
+  };
+  await ask();
+  plan.fetch();
+}
+
+function wayCell(row) {
+  const words = row.figures ? `${row.figures.from_place || "?"} → ${row.figures.to_place || "?"}` : row.reading ? "Being read…" : "Cannot be read";
+  return row.troubles.length ? [words, el("span", { class: "small trouble" }, `⚠ ${row.troubles.join(" ")}`)] : [words];
+}
+
+/** Call `draw` with what `data()` is now, where it differs from the last time. */
+function onChangeOf(data, draw) {
+  const drawIfChanged = onChange(draw);
+  return () => drawIfChanged(data());
+}
+
+// -------------------------------------------------------------------------------------------------------- one walk
+async function showOne(id) {
+  $("list-view").hidden = true;
+  setText($("walk-title"), "Reading the walk…");
+  $("walk-view").hidden = false;
+  let walk;
+  try {
+    walk = await get(`/api/walks/${encodeURIComponent(id)}`);
+  } catch (error) {
+    setText($("walk-title"), "This walk cannot be shown");
+    $("walk-troubles").replaceChildren(el("p", { class: "note bad" }, error.message));
+    for (const node of document.querySelectorAll("#walk-view > section, #walk-view > .walk-columns, #past-banner")) node.hidden = true;
+    return;
+  }
+  const plan = openWalk(id, walk, graph);
+  await showFiguresOf(id, walk, plan);
+}
+
+async function showFiguresOf(id, walk, plan) {
+  const { summary, compared } = walk;
+  $("walk-csv").href = `/api/walk-figures.csv?${new URLSearchParams({ walk: id })}`;
+  if (summary.figures === null) {
+    // It is still being read for the list.
+    setTimeout(async () => showFiguresOf(id, await get(`/api/walks/${encodeURIComponent(id)}`), plan).catch((error) => toast(error.message)), ASK_AGAIN_MS);
+    return;
+  }
+  showFigures($("walk-figures"), summary.figures);
+  showLegs($("legs"), summary.figures.legs);
+  showCompared($("compared"), $("compared-words"), $("compared-wrap"), compared, id);
+  plan.showLayers((await get(`/api/walk-overlays?${new URLSearchParams({ walk: id })}`)).layers);
+}

@@ -268,7 +268,7 @@ def walking_at(speed_m_s: float, *solids, until_x_m: float = 2.0) -> tuple[Guida
 
 def test_who_walks_fast_is_stopped_farther_away():
     wall = box(3.4, -0.6, 3.8, 0.6)
-    wide = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    wide = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     answers = []
     for speed_m_s in (0.4, 1.3):
         before, here = walking_at(speed_m_s, until_x_m=2.0)
@@ -408,7 +408,7 @@ def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, 
 
 def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed():
     """At 0.4 m/s, told to walk a moment ago: before they react they are faster, and need more room than they show."""
-    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     before, here = walking_at(0.4)
     found = seen(here, box(3.06, -3, 3.2, 3))
     assert decide(here, found, before, settings=settings).action is not Action.WALK
@@ -418,7 +418,7 @@ def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed
 
 def test_who_gains_speed_may_gain_what_they_have_walked_before():
     """At 0.7 m/s, and a wall 1.38 m ahead: enough for most, too little for one who has walked 1.05 m/s today."""
-    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     before, here = walking_at(0.7)
     found = seen(here, box(3.38, -3, 3.5, 3))
     assert decide(here, found, before, settings=settings).action is Action.WALK

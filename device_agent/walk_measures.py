@@ -11,10 +11,9 @@ import numpy as np
 
 from device_agent.cycle import Cycle
 from device_agent.simulation.walker import WalkerBody
-from device_agent.state import ON_THE_WAY
 from navcore.cues.table import Cue
 from navcore.geometry import FloatArray
-from navcore.modes import Mode
+from navcore.modes import ON_THE_WAY, Mode
 from navcore.types import LocalizationQuality, Route
 
 ARRIVED_WITHIN_M = 2.0

@@ -19,11 +19,12 @@ from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 
-PROTOCOL_VERSION = 5
+PROTOCOL_VERSION = 6
 """2: the states of :mod:`navcore.modes`, Repeat, and events of the walker's buttons.
 3: both clocks are read twice for a ping, their offset is told; a map's package has a checksum, one that waits is told;
 a state tells how long the loop's stages take, and what is left out where they take too long.
 4: map walks are begun and ended from the console, and what is seen of the building is told.
+6: the whole decision trace, battery and temperature; who watches, what is shared, colour on request.
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
@@ -145,12 +146,15 @@ class Event(_Message, frozen=True, tag="event"):
 
 
 class SettingsRunning(_Message, frozen=True, tag="settings_running"):
-    """The settings that the device runs; the answer to ApplySettings."""
+    """The settings that the device runs; the answer to ApplySettings and KeepSettings."""
 
     revision: Count
     values: dict[str, float | int | bool | str]
     refused_revision: Count | None = None
+    """A revision that was asked for and does not run: it was refused, or tried out and not kept."""
     refusal: Text = ""
+    revert_at_s: Finite | None = None
+    """When the settings before run again, on the device's clock; None where these have been kept."""
 
 
 class GraphRunning(_Message, frozen=True, tag="graph_running"):
@@ -259,6 +263,17 @@ class ApplySettings(_Message, frozen=True, tag="apply_settings"):
 
     revision: Count
     values: dict[str, float | int | bool | str]
+    revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
+    """The settings before run again after this time unless these are kept; 0: these are kept at once."""
+    override_reason: Text = ""
+    """Why what safety hangs on is changed though somebody is being led; empty: then it is refused."""
+
+
+class KeepSettings(_Message, frozen=True, tag="keep_settings"):
+    """Keep the settings that are tried out, or give them up at once."""
+
+    revision: Count
+    keep: bool = True
 
 
 class PublishGraph(_Message, frozen=True, tag="publish_graph"):
@@ -299,7 +314,7 @@ DeviceMessage = (
 )  # fmt: skip
 ConsoleMessage = (
     Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
-    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping
+    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping | KeepSettings
 )  # fmt: skip
 
 _UP, _DOWN = Direction.UP, Direction.DOWN
@@ -328,6 +343,7 @@ _ROWS = (
     MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),

@@ -399,7 +399,7 @@ def test_no_direction_is_walked_that_leaves_less_than_the_way_to_stop():
 def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, stops: bool):
     """At 0.8 m/s a wall 1.28 m ahead: enough for somebody who reacts at once, too little for one who does not."""
     settings = SETTINGS.changed({
-        "obstacle.slow_reaction_s": slow_s, "obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8,
+        "obstacle.slow_reaction_s": slow_s, "obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85,
     })  # fmt: skip
     before, here = walking_at(0.8)
     result = decide(here, seen(here, box(3.28, -3, 3.4, 3)), before, settings=settings)

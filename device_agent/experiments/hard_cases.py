@@ -12,11 +12,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from device_agent.simulation.walker import WalkerBody
-from device_agent.state import ON_THE_WAY
 from device_agent.walk_measures import Sample
 from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS
-from navcore.modes import Mode
+from navcore.modes import ON_THE_WAY, Mode
 from navcore.types import Action, LocalizationQuality, Reason, TurnKind
 
 _LONGEST_LEAP_M = 2.0

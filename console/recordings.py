@@ -5,10 +5,11 @@
     FOLDER/
       SHA256.json       what was offered, by whom, and what became of the map that was built of it
       SHA256.part       as far as it has come
+      SHA256.figures    what was found in a walk (console.walk_figures)
       NAME-SHA256.tar   a recording (NAME-SHA256.mcap: a walk): whole, its checksum fits
 
 A recording gets its last name in one step when its checksum fits, so whoever is killed meanwhile finds it whole, or
-goes on with it. Nothing here is ever deleted but what turned out to be damaged.
+goes on with it. What turned out to be damaged is deleted, and walks when they have been kept for long enough.
 """
 
 from __future__ import annotations
@@ -222,6 +223,33 @@ class Recordings:
         """Keep what became of the map of a recording. Raises NotFoundError, NoRoomError."""
         with self._lock_of(sha256), _told_if_full():
             self._write(msgspec.structs.replace(self.named(sha256).entry, map=built))
+
+    # --------------------------------------------------------------------------------------------------- keeping
+    def companion(self, sha256: str, what: str) -> Path:
+        """Return where something about a recording is kept beside it; it is deleted with it."""
+        return self.folder / f"{sha256}.{what}"
+
+    def delete_before(self, wall_s: float) -> int:
+        """Delete the walks that were offered before this Unix time, and all that is kept about them; return how many.
+
+        What of such a walk has not come whole goes as well. Map walks stay: maps are built of them.
+        """
+        gone = 0
+        for stored in self.all():
+            if stored.entry.offer.kind == "walk" and stored.entry.offered_at_s < wall_s:
+                self._delete(stored)
+                gone += 1
+        return gone
+
+    def _delete(self, stored: StoredRecording) -> None:
+        """Delete a recording, its description last: who is killed meanwhile goes on with it the next time."""
+        sha256 = stored.entry.offer.sha256
+        with self._lock_of(sha256):
+            description = self._description(sha256)
+            beside = [path for path in self.folder.glob(f"{sha256}.*") if path != description]
+            for path in (stored.file, *beside, description):
+                path.unlink(missing_ok=True)
+            sync_path(self.folder)
 
     # ------------------------------------------------------------------------------------------------ internals
     def _lock_of(self, sha256: str) -> threading.Lock:

@@ -14,6 +14,7 @@ from console.live import Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
+from console.past_walks import PastWalks
 from console.presence import Presence
 from console.recordings import Recordings
 from console.rehearsals import Rehearsals, Sounds
@@ -47,6 +48,8 @@ class Services:
     """The one way to change settings of a device: checked, numbered, audited."""
     recordings: Recordings
     """What devices have sent."""
+    walks: PastWalks
+    """The walks among these."""
     builds: MapBuilds
     """Maps that are built of these."""
     site_imports: SiteImports
@@ -105,6 +108,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         package=package,
         tuning=tuning,
         recordings=recordings,
+        walks=PastWalks(recordings),
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),

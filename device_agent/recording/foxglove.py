@@ -50,9 +50,9 @@ from navcore.types import (
     ObstacleScan,
     Route,
 )
+from navcore.walk_file import NS_PER_S
 
 MAP, WALKER, CAMERA, FISHEYE = "map", "walker", "camera", "fisheye"
-NS_PER_S = 1_000_000_000
 _MM_PER_M = 1000.0
 _ABOVE_FLOOR_M = 0.02
 """Lines lie a little above the floor, so that a grid drawn there does not hide them."""

@@ -16,9 +16,9 @@ from device_agent.recording import exact
 from device_agent.recording.channels import Channel, encoder_of, schema_of
 from device_agent.recording.foxglove import nanoseconds
 from device_agent.recording.notes import Opening
+from navcore.walk_file import METADATA_NAME
 
 LIBRARY = "virtual-blind-road"
-METADATA_NAME = "walk"
 OPENING_NAME, OPENING_TYPE = "opening", "application/msgpack"
 OPENING_CRC = "opening_crc32"
 """MCAP's readers do not look at the checksums of attachments."""

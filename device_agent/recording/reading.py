@@ -1,36 +1,24 @@
-"""Opens the files of a recording with care: what is foreign, damaged or of another version is said in a sentence.
-
-A file that ends in the middle (a crash, a battery) is read up to there, and so is one that is damaged: what stands
-before the damage is checked by its checksums. No length in a file is believed beyond what the reader is ready to hold.
-"""
+"""Reads from the files of a recording what a replay needs: what a file begins with, its cycles, and its pictures."""
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import zstandard
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from google.protobuf.wrappers_pb2 import BytesValue
-from mcap.exceptions import McapError
-from mcap.reader import SeekingReader
-from mcap.records import Attachment, Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import MCAP0_MAGIC, CompressionType, Writer
+from mcap.records import Attachment, Channel, Footer, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
 
 from device_agent.recording import channels, exact, foxglove
 from device_agent.recording.notes import CycleNotes, FrameNotes, Opening
-from device_agent.recording.part_writer import LIBRARY, METADATA_NAME, OPENING_CRC, OPENING_NAME, checksum
-from device_agent.recording.walk_files import FORMAT_VERSION
+from device_agent.recording.part_writer import LIBRARY, OPENING_CRC, OPENING_NAME, checksum
 from navcore.errors import InputError
 from navcore.types import FisheyeImage, Frame
+from navcore.walk_file import WalkFile
 
-MAX_RECORD_BYTES = 128 << 20
-"""No chunk that is written here comes near it."""
-_DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, DecodeError, OverflowError, MemoryError, KeyError)
 _PICTURES = frozenset({channels.COLOUR.topic, channels.DEPTH.topic, channels.FISHEYE.topic})
 
 
@@ -43,16 +31,12 @@ class RecordedCycle:
     """With its pictures; None where the file has none of it."""
 
 
-class RecordedPart:
-    """One file of a recorded walk; damage is known once it has been read up to there."""
+class RecordedPart(WalkFile):
+    """One file of a recorded walk, for a replay; damage is known once it has been read up to there."""
 
     def __init__(self, path: Path) -> None:
         """Open a file. Raises InputError with what is wrong and what to do."""
-        self.path = path
-        self.damage = ""
-        """What is wrong with the file behind what was read; empty where nothing is."""
-        self.description: dict[str, str] = {}
-        """What the file says of itself, for people."""
+        super().__init__(path)
         self.opening = self._opened()
 
     def cycles(self) -> Iterator[RecordedCycle]:
@@ -79,27 +63,6 @@ class RecordedPart:
                 break
         return _frame(self.opening.rehearsal, pictures)
 
-    def messages(self) -> Iterator[tuple[Channel, Message]]:
-        """Read the messages of all channels in the order in which they were written, up to the end or to a damage."""
-        known: dict[int, Channel] = {}
-        for record in self._records():
-            if isinstance(record, Channel):
-                known[record.id] = record
-            elif isinstance(record, Message) and record.channel_id in known:
-                yield known[record.channel_id], record
-
-    def length_s(self) -> float | None:
-        """Return how much time the file covers, by its index alone; None where it was not completed."""
-        try:
-            with self.path.open("rb") as file:
-                summary = SeekingReader(file, record_size_limit=MAX_RECORD_BYTES).get_summary()
-        except (OSError, *_DAMAGE):
-            return None
-        if summary is None or summary.statistics is None:
-            return None
-        begin_ns, end_ns = summary.statistics.message_start_time, summary.statistics.message_end_time
-        return max(0, end_ns - begin_ns) / foxglove.NS_PER_S
-
     def repair(self, target: Path) -> None:
         """Write what is whole to a new file, with an index. Raises InputError, OSError."""
         with target.open("xb") as file:
@@ -107,7 +70,7 @@ class RecordedPart:
             writer.start(library=LIBRARY)
             schema_ids: dict[int, int] = {}
             channel_ids: dict[int, int] = {}
-            for record in self._records():
+            for record in self.records():
                 if isinstance(record, Metadata):
                     writer.add_metadata(record.name, record.metadata)
                 elif isinstance(record, Attachment):
@@ -128,64 +91,19 @@ class RecordedPart:
             writer.finish()
 
     def _opened(self) -> Opening:
-        for record in self._records():
-            if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                self.description = dict(record.metadata)
-                self._refuse_newer()
-            elif isinstance(record, Attachment) and record.name == OPENING_NAME and self.description:
+        for record in self.records():
+            if isinstance(record, Attachment) and record.name == OPENING_NAME:
                 if checksum(record.data) != self.description.get(OPENING_CRC):
                     self.damage = "what it begins with has changed"
                     break
                 return exact.decode(record.data, Opening)
-            elif isinstance(record, Message | Footer):
+            if isinstance(record, Message | Footer):
                 break
         if self.damage:
             raise InputError(f"{self.path} is damaged where it begins ({self.damage}): nothing of it can be read.")
         raise InputError(
             f"{self.path} is an MCAP file, but no walk that was recorded here: name a file that `vbr walks list` shows."
         )
-
-    def _refuse_newer(self) -> None:
-        version = self.description.get("format_version", "")
-        if version != str(FORMAT_VERSION):
-            raise InputError(
-                f"{self.path} has the format {version or 'of no version'}, and this program reads {FORMAT_VERSION}:"
-                " use the version of the program that recorded it."
-            )
-
-    def _records(self) -> Iterator[McapRecord]:
-        """Read the records of the data section, those in chunks too, and end at the first damage."""
-        self.damage = ""
-        try:
-            file = self.path.open("rb")
-        except OSError as error:
-            raise InputError(f"{self.path} cannot be read ({error.strerror}): name a file of a walk.") from error
-        with file:
-            if not MCAP0_MAGIC.startswith(file.read(len(MCAP0_MAGIC))):
-                raise InputError(f"{self.path} is no MCAP file: name a file that `vbr walks list` shows.")
-            file.seek(0)
-            try:
-                yield from _unpacked(StreamReader(file, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES))
-            except OSError as error:
-                raise InputError(f"{self.path} cannot be read ({error.strerror}): copy it elsewhere.") from error
-            except _DAMAGE as error:
-                self.damage = str(error) or "it ends in the middle"
-
-
-def _unpacked(reader: StreamReader) -> Iterator[McapRecord]:
-    for record in reader.records:
-        if not isinstance(record, Chunk):
-            yield record
-            continue
-        if record.compression not in ("", "zstd"):
-            raise ValueError(f"its compression {record.compression!r} is none of ours")
-        sizes = [record.uncompressed_size]
-        if record.compression == "zstd":
-            # The size that the packed data claims for itself is what would be allocated.
-            sizes.append(zstandard.frame_content_size(record.data))
-        if max(sizes) > MAX_RECORD_BYTES:
-            raise ValueError("a part of it claims to be too large")
-        yield from breakup_chunk(record, validate_crc=True)
 
 
 def _bytes_value(data: bytes) -> bytes:

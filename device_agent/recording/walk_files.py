@@ -25,8 +25,8 @@ from device_agent.recording.part_writer import DiskSync, PartWriter, create
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.errors import InputError
 from navcore.types import CameraIntrinsics, Frame
+from navcore.walk_file import FORMAT_VERSION
 
-FORMAT_VERSION = 1
 FLUSH_EVERY_S = 0.5
 """So often everything is handed to the operating system; a crash loses less than a second."""
 SYNC_EVERY_S = 1.0

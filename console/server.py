@@ -81,6 +81,7 @@ class ConsoleServer:
             self._stop_scene()
             self._socket.close()
             self.services.builds.close()
+            self.services.what_ifs.close()
             self.services.surveys.close()
             self.services.checks.close()
             self.services.store.close()

@@ -5,8 +5,10 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 2
-"""2 added the names of versions."""
+SCHEMA_VERSION = 3
+"""2 added the names of versions.
+3 added what the monitor keeps.
+"""
 
 
 class Base(DeclarativeBase):
@@ -147,8 +149,33 @@ class SettingsRevisionRow(Base):
     """``{"group.name": [from, to]}``."""
     values_json: Mapped[str] = mapped_column(Text)
     state: Mapped[str]
-    """sent, running or refused."""
+    """sent, trying, running, refused or reverted: see :mod:`console.settings_store`."""
     refusal: Mapped[str]
+
+
+class SettingsTrialRow(Base):
+    """Settings that were to run for a while only, unless somebody keeps them."""
+
+    __tablename__ = "settings_trials"
+    revision: Mapped[int] = mapped_column(
+        ForeignKey("settings_revisions.revision"), primary_key=True, autoincrement=False
+    )
+    revert_after_s: Mapped[float]
+    override_reason: Mapped[str]
+    """Why they were changed though somebody was being led; empty where nobody was."""
+
+
+class SettingsPresetRow(Base):
+    """A named set of values."""
+
+    __tablename__ = "settings_presets"
+    name_key: Mapped[str] = mapped_column(primary_key=True)
+    """The name as it is compared: without regard to case."""
+    name: Mapped[str]
+    author: Mapped[str]
+    at_s: Mapped[float]
+    values_json: Mapped[str] = mapped_column(Text)
+    """``{"group.name": value}``."""
 
 
 class AuditRow(Base):

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from device_agent.ports import ButtonPress
+from device_agent.settings_trial import apply_settings, keep_settings
 from device_agent.state import (
     BlockedPlace,
     DeviceState,
@@ -21,7 +22,6 @@ from device_agent.state import (
     StoreGraph,
     SwapMap,
 )
-from device_agent.settings_trial import apply_settings, keep_settings
 from device_agent.states import StateEvent
 from device_agent.transitions import By, happen
 from navcore.cues.table import CueKind

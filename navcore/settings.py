@@ -107,7 +107,9 @@ class ObstacleSettings(_Group):
 class FollowerSettings(_Group):
     """Route following."""
 
-    policy: Literal["paper", "road_centred"] = _setting("road_centred", source="IV-C; docs/experiments.md", paper="paper")
+    policy: Literal["paper", "road_centred"] = _setting(
+        "road_centred", source="IV-C; docs/experiments.md", paper="paper"
+    )
     """The guidance policy: the paper's equations, or the middle of the road."""
     sub_goal_distance_m: float = _setting(3.0, 0.5, 10.0, step=0.1, source="Eq. 2: d = 3 m", paper=3.0)
     """d: the sub-goal lies this far from the closest point."""

@@ -11,8 +11,8 @@ def settings_markdown() -> str:
         "# Settings",
         "",
         "Made by `make docs` from `navcore/settings.py`. Change one for a run with `--set group.name=value`, or live",
-        "in the console. Settings marked ⚠ are critical to safety: changed live they need a confirmation, run for a while",
-        "only unless somebody keeps them, and are locked while somebody is led.",
+        "in the console. Settings marked ⚠ are critical to safety: changed live they need a confirmation, run for a",
+        "while only unless somebody keeps them, and are locked while somebody is led.",
     ]
     group = ""
     for spec in setting_specs():

@@ -10,7 +10,17 @@ import pytest
 
 from device_agent.adapters.fakes import FakeLocalizer
 from device_agent.orders import at_rest, carry_out
-from device_agent.state import DeviceState, Happened, Notice, Outdated, PreparedMap, RunSettings, StoreGraph, StoreSettings, SwapMap
+from device_agent.state import (
+    DeviceState,
+    Happened,
+    Notice,
+    Outdated,
+    PreparedMap,
+    RunSettings,
+    StoreGraph,
+    StoreSettings,
+    SwapMap,
+)
 from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.settings import Settings

@@ -1,4 +1,4 @@
-"""What safety hangs on is tried out: the device itself goes back to what ran before, whatever becomes of the console."""
+"""What safety hangs on is tried out: the device itself goes back to what ran before, whatever the console does."""
 
 from __future__ import annotations
 

@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from navcore.errors import SettingError
@@ -79,13 +79,8 @@ def test_a_change_changes_that_value_alone(spec: SettingSpec, share: float) -> N
     value: float | int = spec.low + share * (spec.high - spec.low)
     if spec.kind == "int":
         value = round(value)
-    try:
-        changed = Settings().changed({spec.key: value}).values()
-    except SettingError as error:
-        # Out of order with another one: below.
-        assert len(error.keys) == 2
-        assert spec.key in error.keys
-        return
+    assume(not any(spec.key in (order.lower, order.upper) for order in ORDERS))  # checked against each other, below
+    changed = Settings().changed({spec.key: value}).values()
     assert changed.pop(spec.key) == value
     assert changed == {key: old for key, old in Settings().values().items() if key != spec.key}
 

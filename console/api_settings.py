@@ -9,7 +9,6 @@ from fastapi import FastAPI, Response
 
 from console.bodies import (
     BackToBody,
-    DraftBody,
     KeepBody,
     PresetFileBody,
     PresetNameBody,
@@ -22,7 +21,6 @@ from console.requests import Visitor, json_response
 from console.services import Services
 from console.settings_store import SettingsRevision
 from console.tuning import TRIAL_S, Consent
-from navcore.errors import SettingError
 from navcore.settings import ORDERS, Settings, SettingSpec, setting_specs
 
 REVISIONS_SHOWN_COUNT = 30
@@ -53,14 +51,6 @@ def _add_reading_routes(app: FastAPI, services: Services) -> None:
 
 def _add_changing_routes(app: FastAPI, services: Services) -> None:
     tuning, hub = services.tuning, services.hub
-
-    @app.post("/api/devices/{device_id}/settings/draft")
-    def draft(device_id: str, body: DraftBody) -> Response:
-        try:
-            found = tuning.draft(device_id, body.changes)
-        except SettingError as error:
-            return json_response({"problem": str(error), "keys": error.keys, "changes": {}, "safety": []})
-        return json_response({"problem": "", "keys": [], "changes": found.changes, "safety": found.safety})
 
     @app.patch("/api/devices/{device_id}/settings")
     def change_settings(visitor: Visitor, device_id: str, body: SettingsBody) -> Response:

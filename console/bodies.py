@@ -121,12 +121,6 @@ class RehearsalBody(_Body):
 SettingValues = Annotated[dict[str, StrictBool | StrictInt | StrictFloat | StrictStr], Field(max_length=200)]
 
 
-class DraftBody(_Body):
-    """Settings that somebody thinks of changing, ``group.name`` → value."""
-
-    changes: SettingValues
-
-
 class _ConsentBody(_Body):
     why: Annotated[str, Field(max_length=300)] = ""
     confirmed: bool = False

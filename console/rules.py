@@ -104,7 +104,6 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,
-    ("POST", "/api/devices/{device_id}/settings/draft"): TECHNICIANS,
     ("POST", "/api/devices/{device_id}/settings/back"): TECHNICIANS,
     ("POST", "/api/devices/{device_id}/settings/keep"): TECHNICIANS,
     ("GET", "/api/settings/presets"): TECHNICIANS,

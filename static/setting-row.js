@@ -68,7 +68,7 @@ export class SettingRow {
     this.node.classList.toggle("drafted", drafted !== undefined);
     this.control.inputs.forEach((input) => input.toggleAttribute("aria-invalid", problem !== ""));
     setText(this.problem, problem);
-    setText(this.undo, `Runs: ${valueWords(spec, running)}`);
+    setText(this.undo, `Undo: runs ${valueWords(spec, running)}`);
     this.undo.title = "Take it out of the draft";
     this.undo.hidden = drafted === undefined || !this.mayChange;
     this.reset.hidden = value === spec.default || (drafted !== undefined && running === spec.default) || !this.mayChange;

@@ -15,7 +15,7 @@ export class Presets {
     Object.assign(this, { root, specs, use, changed, list: [], running: {}, deviceId: null });
     this.rows = el("ul", { class: "lines presets" });
     this.name = el("input", { id: "preset-name", maxlength: 60, autocomplete: "off", required: true });
-    const file = el("input", { type: "file", accept: "application/json,.json", id: "preset-file", class: "visually-hidden", onchange: () => this.read(file) });
+    const file = el("input", { type: "file", accept: "application/json,.json", id: "preset-file", hidden: true, onchange: () => this.read(file) });
     this.saving = el("form", { class: "row", onsubmit: (event) => { event.preventDefault(); this.save(); } },
       el("label", { for: "preset-name" }, "Save what runs as"), el("span", { class: "grow" }, this.name), el("button", { type: "submit" }, "Save"),
       file, el("button", { type: "button", onclick: () => file.click() }, "Import…"));

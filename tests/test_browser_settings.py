@@ -97,7 +97,7 @@ def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_si
         assert server.ready.first_link is not None
         become_admin(page, server.ready.first_link)
         page.goto(server.ready.url + "/settings")
-        page.wait_for_function("!document.querySelector('#gate-clearance_m').disabled")
+        page.locator("#gate-clearance_m:enabled").wait_for()
         # Out of range, and out of order with another one: said beside the field, and nothing can be applied.
         put(page, "gate.clearance_m", "99")
         assert "from 0.5 to 4" in page.locator("#gate-clearance_m-problem").inner_text()

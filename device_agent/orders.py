@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from device_agent.ports import ButtonPress
+from device_agent.settings_trial import apply_settings, keep_settings
 from device_agent.state import (
     BlockedPlace,
     DeviceState,
@@ -19,14 +20,12 @@ from device_agent.state import (
     PreparedMap,
     Step,
     StoreGraph,
-    StoreSettings,
     SwapMap,
 )
 from device_agent.states import StateEvent
 from device_agent.transitions import By, happen
 from navcore.cues.table import CueKind
 from navcore.cues.texts import TEXTS
-from navcore.errors import SettingError
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
@@ -36,6 +35,7 @@ from navcore.wire import (
     ConsoleMessage,
     EndMapWalk,
     GraphRunning,
+    KeepSettings,
     MapRunning,
     Pause,
     PublishGraph,
@@ -43,7 +43,6 @@ from navcore.wire import (
     Resume,
     Say,
     SetDestination,
-    SettingsRunning,
 )
 
 
@@ -83,7 +82,9 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkT
         case Say():
             return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
         case ApplySettings():
-            return _apply_settings(state, order)
+            return apply_settings(state, order, now_s)
+        case KeepSettings():
+            return keep_settings(state, order)
         case PublishGraph():
             return _publish(state, order.graph)
         case MapWalkTold():
@@ -138,18 +139,6 @@ def _words_of(state: DeviceState, told: MapWalkTold) -> tuple[Effect, ...]:
     if state.leading:
         return (happened,)
     return Notice(told.text(state.settings.cues.language), kind=told.kind), happened
-
-
-def _apply_settings(state: DeviceState, order: ApplySettings) -> Step:
-    try:
-        settings = state.settings.changed(order.values)
-    except SettingError as error:
-        running = SettingsRunning(
-            state.settings_revision, state.settings.values(), refused_revision=order.revision, refusal=str(error)[:500]
-        )
-        return state, (running,)
-    state = replace(state, settings=settings, settings_revision=order.revision)
-    return state, (StoreSettings(settings, order.revision), SettingsRunning(order.revision, settings.values()))
 
 
 def _publish(state: DeviceState, graph: PoiGraph) -> Step:

@@ -83,6 +83,16 @@ class BlockedPlace:
     """It was closed by a person: it is not forgotten before the next graph is taken."""
 
 
+@dataclass(frozen=True, slots=True)
+class SettingsTrial:
+    """Settings are tried out: those before run again unless these are kept. On the disk are those before."""
+
+    before: Settings
+    before_revision: int
+    until_s: float
+    """When the settings before run again."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class DeviceState:
     """Everything that the loop remembers. The states and what leads from one to another: :mod:`device_agent.states`."""
@@ -92,6 +102,8 @@ class DeviceState:
     site_id: str = ""
     map_checksum: str = ""
     settings_revision: int = 0
+    trial: SettingsTrial | None = None
+    """What runs again unless the settings are kept; None where they have been."""
     mode: Mode = Mode.LOCALIZING
     beneath: Mode | None = None
     """The state that a fault leads back to; None where there is no fault."""
@@ -238,8 +250,15 @@ class StoreGraph:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class RunSettings:
+    """Other settings run from now on; what is outside the loop hears of them."""
+
+    settings: Settings
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class StoreSettings:
-    """The settings that run from now on are to be kept on disk."""
+    """The settings that run are to be kept on disk."""
 
     settings: Settings
     revision: int
@@ -252,6 +271,9 @@ class SwapMap:
     prepared: PreparedMap
 
 
-Effect = KeptMessage | Notice | SayAgain | Outdated | MarkPlace | Happened | StoreGraph | StoreSettings | SwapMap
+Effect = (
+    KeptMessage | Notice | SayAgain | Outdated | MarkPlace | Happened | StoreGraph | RunSettings | StoreSettings
+    | SwapMap
+)  # fmt: skip
 """What a step asks the agent to do in the world."""
 Step = tuple[DeviceState, tuple[Effect, ...]]

@@ -7,7 +7,8 @@ import json
 import shlex
 import sys
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -43,6 +44,13 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     again.add_argument("--site", type=Path, metavar="DIR", help="the map of then: go through the pictures as well")
     again.add_argument("--set", action="append", default=[], metavar="NAME=VALUE", help="under another setting")
     again.add_argument("--cues", type=Path, metavar="FILE", help="write what is said now as JSON lines")
+    again.add_argument(
+        "--decisions", type=Path, metavar="FILE", help="write each cycle's decision, then and now, as JSON lines"
+    )
+    again.add_argument("--last", type=_seconds, metavar="SECONDS", help="replay no more than the end of the walk")
+    again.add_argument(
+        "--behind", action="store_true", help="give way to every other process, and print progress as lines of JSON"
+    )
     again.add_argument("--json", action="store_true", help="print the figures as JSON")
     again.set_defaults(run=_replay)
     repair = actions.add_parser("repair", help="write what is whole of a damaged file to a new one, with its index")
@@ -178,16 +186,27 @@ def _summary(part: RecordedPart) -> dict[str, Any]:
 def _replay(arguments: argparse.Namespace) -> int:
     from device_agent.recording.reading import RecordedPart
     from device_agent.recording.replay import replay
-    from device_agent.single_core import use_one_core
-    from navcore.settings import Settings, parse_assignment
+    from device_agent.single_core import give_way, use_one_core
+    from navcore.settings import parse_assignment
 
     changes = dict(parse_assignment(text) for text in arguments.set)
-    Settings().changed(changes)
+    if arguments.behind:
+        give_way()
     use_one_core()
     parts = [RecordedPart(path) for path in arguments.files]
     _refuse_twice(parts)
     make_localizer = None if arguments.site is None else _localizers(arguments.site, parts)
-    count, different, cues = _compared(replay(parts, make_localizer, changes))
+    if arguments.last is not None:
+        if make_localizer is not None:
+            raise InputError("What the localizer remembered is in no file: leave --last out, or --site.")
+        parts = _last_parts(parts, arguments.last)
+    cycles: Iterable[ReplayedCycle] = replay(parts, make_localizer, changes)
+    if arguments.last is not None:
+        cycles = _from_then_on(cycles, parts, arguments.last)
+    if arguments.behind:
+        cycles = _with_progress(cycles, sum(part.length_s() or 0.0 for part in parts))
+    with _decisions_file(arguments.decisions) as note:
+        count, different, cues = _compared(cycles, note)
     damages = {str(part.path): part.damage for part in parts if part.damage}
     if arguments.cues is not None:
         _write_cues(arguments.cues, cues)
@@ -212,13 +231,74 @@ def _refuse_twice(parts: list[RecordedPart]) -> None:
         named[key] = part.path
 
 
-def _compared(cycles: Iterable[ReplayedCycle]) -> tuple[int, list[dict[str, Any]], list[dict[str, Any]]]:
-    """Return how many cycles there were, those that differ, and all that is said now."""
+def _last_parts(parts: list[RecordedPart], last_s: float) -> list[RecordedPart]:
+    """Return the files in which the last seconds of a walk are: a replay may begin with any of them."""
+    from itertools import accumulate
+
+    covered_s = list(accumulate(part.length_s() or 0.0 for part in reversed(parts)))
+    count = next((index + 1 for index, length_s in enumerate(covered_s) if length_s >= last_s), len(parts))
+    return parts[-count:]
+
+
+def _from_then_on(cycles: Iterable[ReplayedCycle], parts: list[RecordedPart], last_s: float) -> Iterator[ReplayedCycle]:
+    """Pass over what came before the last seconds, though it is replayed: guidance goes on from it."""
+    skipped_s, first_s = sum(part.length_s() or 0.0 for part in parts) - last_s, None
+    for cycle in cycles:
+        stamp_s = cycle.notes.guidance.stamp_s
+        first_s = stamp_s if first_s is None else first_s
+        if stamp_s - first_s >= skipped_s:
+            yield cycle
+
+
+def _with_progress(cycles: Iterable[ReplayedCycle], length_s: float) -> Iterator[ReplayedCycle]:
+    """Print each percent of the walk's time that has been replayed, as a line of JSON."""
+    first_s, told = None, -1
+    for cycle in cycles:
+        stamp_s = cycle.notes.guidance.stamp_s
+        first_s = stamp_s if first_s is None else first_s
+        percent = int(100 * (stamp_s - first_s) / length_s) if length_s > 0 else 0
+        if percent > told:
+            told = percent
+            sys.stdout.write(json.dumps({"percent": min(100, percent)}) + "\n")
+            sys.stdout.flush()
+        yield cycle
+
+
+@contextmanager
+def _decisions_file(path: Path | None) -> Iterator[Callable[[ReplayedCycle], None]]:
+    """Open what each cycle's decision is written to; nothing is written where no file is named."""
+    from device_agent.recording.replay import decision_line
+
+    if path is None:
+        yield lambda cycle: None
+        return
+    try:
+        with path.open("w", encoding="utf-8") as out:
+            yield lambda cycle: print(json.dumps(decision_line(cycle), ensure_ascii=False), file=out)
+    except OSError as error:
+        raise InputError(f"{path} cannot be written ({error.strerror}): name another file with --decisions.") from error
+
+
+def _seconds(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = -1.0
+    if not 0.0 < value < float("inf"):
+        raise argparse.ArgumentTypeError(f"{text!r} is no number of seconds: give one above 0")
+    return value
+
+
+def _compared(
+    cycles: Iterable[ReplayedCycle], note: Callable[[ReplayedCycle], None]
+) -> tuple[int, list[dict[str, Any]], list[dict[str, Any]]]:
+    """Return how many cycles there were, those that differ, and all that is said now; ``note`` is given each."""
     from device_agent.recording.replay import cue_line, difference
 
     count, different, cues = 0, [], []
     for cycle in cycles:
         count += 1
+        note(cycle)
         cues += [cue_line(cue) for cue in cycle.cues]
         if cycle.differs_in:
             different.append(difference(cycle))

@@ -35,7 +35,11 @@ class SiteError(InputError):
 
 
 class SettingError(InputError):
-    """A setting is unknown or out of its range."""
+    """A setting is unknown, out of its range, or out of order with another one; ``keys`` are those that it is about."""
+
+    def __init__(self, text: str, *, keys: tuple[str, ...] = ()) -> None:
+        super().__init__(text)
+        self.keys = keys
 
 
 class WireError(InputError):

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -23,9 +23,12 @@ SettingValue = float | int | bool | str
 
 
 def _setting(default: Any, low: float | None = None, high: float | None = None, *, step: float | None = None,
-             source: str = "", safety: bool = False) -> Any:  # fmt: skip
-    """Declare a setting: default, safe range, step of its slider, source, and whether people's safety hangs on it."""
-    extra: dict[str, Any] = {"step": step, "source": source, "safety": safety}
+             source: str = "", safety: bool = False, paper: Any = None) -> Any:  # fmt: skip
+    """Declare a setting: default, safe range, step of its slider, source, and whether people's safety hangs on it.
+
+    ``paper`` is the value that the paper names, where it names one.
+    """
+    extra: dict[str, Any] = {"step": step, "source": source, "safety": safety, "paper": paper}
     return (
         Field(default=default, ge=low, le=high, json_schema_extra=extra, allow_inf_nan=False)
         if low is not None
@@ -104,19 +107,21 @@ class ObstacleSettings(_Group):
 class FollowerSettings(_Group):
     """Route following."""
 
-    policy: Literal["paper", "road_centred"] = _setting("road_centred", source="IV-C; docs/experiments.md")
+    policy: Literal["paper", "road_centred"] = _setting(
+        "road_centred", source="IV-C; docs/experiments.md", paper="paper"
+    )
     """The guidance policy: the paper's equations, or the middle of the road."""
-    sub_goal_distance_m: float = _setting(3.0, 0.5, 10.0, step=0.1, source="Eq. 2: d = 3 m")
+    sub_goal_distance_m: float = _setting(3.0, 0.5, 10.0, step=0.1, source="Eq. 2: d = 3 m", paper=3.0)
     """d: the sub-goal lies this far from the closest point."""
-    turning_angle_deg: float = _setting(30.0, 10.0, 90.0, step=5.0, source="Eq. 2: θ = π/6")
+    turning_angle_deg: float = _setting(30.0, 10.0, 90.0, step=5.0, source="Eq. 2: θ = π/6", paper=30.0)
     """θ: a bend of the route by more than this is a turning point."""
     turning_reached_m: float = _setting(0.7, 0.2, 2.0, step=0.05, source="Eq. 2, case 2")
     """A turning point nearer than this is reached."""
-    arrival_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="IV-C, case 3: 1.0 m")
+    arrival_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="IV-C, case 3: 1.0 m", paper=1.0)
     """A destination nearer than this is reached."""
-    off_road_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="Eq. 4: 1.0 m")
+    off_road_distance_m: float = _setting(1.0, 0.3, 3.0, step=0.1, source="Eq. 4: 1.0 m", paper=1.0)
     """A walker farther from the route than this is led back to it."""
-    heading_error_deg: float = _setting(30.0, 5.0, 90.0, step=1.0, source="Eq. 4: π/6")
+    heading_error_deg: float = _setting(30.0, 5.0, 90.0, step=1.0, source="Eq. 4: π/6", paper=30.0)
     """A heading that differs more than this from the expected direction is corrected."""
     turn_angle_deg: float = _setting(40.0, 20.0, 90.0, step=1.0, source="half the depth camera's field")
     """An expected direction farther to the side than this is turned to on the spot, without a step."""
@@ -139,9 +144,9 @@ class FollowerSettings(_Group):
 class GateSettings(_Group):
     """Ultrasonic gate."""
 
-    clearance_m: float = _setting(2.0, 0.5, 4.0, step=0.1, source="Eq. 5: δ = 2.0 m", safety=True)
+    clearance_m: float = _setting(2.0, 0.5, 4.0, step=0.1, source="Eq. 5: δ = 2.0 m", safety=True, paper=2.0)
     """δ: an echo nearer than this closes the gate (or nearer than the sub-goal and a margin, where that is nearer)."""
-    half_field_deg: float = _setting(7.5, 5.0, 30.0, step=0.5, source="Eq. 5: ±7.5°", safety=True)
+    half_field_deg: float = _setting(7.5, 5.0, 30.0, step=0.5, source="Eq. 5: ±7.5°", safety=True, paper=7.5)
     """Half of the ultrasonic field: directions inside it are checked."""
     stale_after_s: float = _setting(0.25, 0.05, 1.0, step=0.05, source="Eq. 5", safety=True)
     """A reading older than this is not believed."""
@@ -295,7 +300,7 @@ class Settings(BaseModel):
                 raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
             spec = known[key]
             if (isinstance(value, bool) and spec.kind != "bool") or not _is_plain(value):
-                raise SettingError(f"{key} cannot be {value!r}: {spec.range_text()}.")
+                raise SettingError(f"{key} cannot be {value!r}: {spec.range_text()}.", keys=(key,))
             groups.setdefault(spec.group, {})[spec.name] = value
         data = self.model_dump()
         for group, values in groups.items():
@@ -305,18 +310,98 @@ class Settings(BaseModel):
         except ValidationError as error:
             key = ".".join(str(part) for part in error.errors()[0]["loc"][:2])
             given = changes.get(key, error.errors()[0]["input"])
-            raise SettingError(f"{key} cannot be {given!r}: {known[key].range_text()}.") from error
-        changed._check_together()
+            raise SettingError(f"{key} cannot be {given!r}: {known[key].range_text()}.", keys=(key,)) from error
+        for order in ORDERS:
+            order.check(changed)
         return changed
 
-    def _check_together(self) -> None:
-        if self.obstacle.stop_distance_m >= self.obstacle.clearance_m:
-            raise SettingError(
-                f"obstacle.stop_distance_m ({self.obstacle.stop_distance_m:g} m) must be less than obstacle.clearance_m"
-                f" ({self.obstacle.clearance_m:g} m): change both together."
-            )
-        if self.obstacle.low_height_m >= self.obstacle.head_height_m:
-            raise SettingError("obstacle.low_height_m must be less than obstacle.head_height_m: change both together.")
+    def value(self, key: str) -> SettingValue:
+        """Return the setting ``group.name``."""
+        group, name = key.split(".")
+        value: SettingValue = getattr(getattr(self, group), name)
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class SettingOrder:
+    """Two settings of which one must stay below the other, whatever their own ranges allow."""
+
+    lower: str
+    upper: str
+    why: str
+    may_equal: bool = False
+
+    def check(self, settings: Settings) -> None:
+        """Raise SettingError where they are not in order."""
+        low, high = float(settings.value(self.lower)), float(settings.value(self.upper))
+        if low < high or (self.may_equal and low == high):
+            return
+        unit = _unit_of(self.lower)
+        relation = "not be more than" if self.may_equal else "be less than"
+        raise SettingError(
+            f"{self.lower} ({low:g}{unit and ' ' + unit}) must {relation} {self.upper} ({high:g}{unit and ' ' + unit}):"
+            f" {self.why}. Change both together.",
+            keys=(self.lower, self.upper),
+        )
+
+
+ORDERS = (
+    SettingOrder(
+        "obstacle.stop_distance_m", "obstacle.narrow_clearance_m", "whoever begins to walk would be stopped at once"
+    ),
+    SettingOrder(
+        "obstacle.narrow_clearance_m", "obstacle.clearance_m", "a narrow place asks for less room, never for more",
+        may_equal=True,
+    ),
+    SettingOrder(
+        "obstacle.stop_distance_m", "gate.clearance_m", "an echo closes the gate before the walker must stop at once"
+    ),
+    SettingOrder(
+        "follower.turn_settled_deg", "follower.turn_angle_deg", "a turn that begins must not have ended already"
+    ),
+    SettingOrder(
+        "cues.straight_within_deg", "follower.turn_angle_deg", "what is turned to on the spot is not straight ahead"
+    ),
+    SettingOrder(
+        "follower.turning_reached_m", "follower.sub_goal_distance_m",
+        "a turning point would be reached before it is a sub-goal",
+    ),
+    SettingOrder(
+        "follower.off_road_distance_m", "planning.replan_deviation_m",
+        "the walker is led back to the road before another way is planned", may_equal=True,
+    ),
+    SettingOrder(
+        "planning.blocked_hold_s", "planning.blocked_memory_s",
+        "a blocked place must be remembered for longer than it is waited at",
+    ),
+    SettingOrder(
+        "deadlines.capture_s", "deadlines.capture_to_cue_s", "nothing would be left of the time for the device's work"
+    ),
+    SettingOrder(
+        "deadlines.capture_to_cue_s", "watchdog.guidance_timeout_s", "guidance that comes in time must not be stale"
+    ),
+    SettingOrder(
+        "map_walk.covered_fraction", "map_walk.valid_depth_fraction", "a covered camera measures less than a weak view",
+        may_equal=True,
+    ),
+)  # fmt: skip
+"""The related settings: checked together at each change."""
+_NOT_REPLAYED_GROUPS = frozenset({"localization", "watchdog", "deadlines", "map_walk"})
+_NOT_REPLAYED_KEYS = frozenset({"obstacle.low_height_m", "obstacle.head_height_m", "obstacle.drop_depth_m"})
+_REPLAYED_KEYS = frozenset({"localization.uncertain_hold_s"})
+"""Poses, what stands in the way, and how long the device took are in a recorded walk as they were then. What decides on
+these before guidance does cannot be judged from it."""
+
+
+def not_replayed(keys: Iterable[str]) -> tuple[str, ...]:
+    """Return those of the settings ``group.name`` whose effect a replay without pictures cannot show."""
+    asked = set(keys)
+    return tuple(spec.key for spec in setting_specs() if spec.key in asked and not spec.replayed)
+
+
+def safety_changes(before: Settings, after: Settings) -> tuple[str, ...]:
+    """Return the settings that people's safety hangs on and that differ."""
+    return tuple(s.key for s in setting_specs() if s.safety and before.value(s.key) != after.value(s.key))
 
 
 @dataclass(frozen=True, slots=True)
@@ -336,11 +421,20 @@ class SettingSpec:
     source: str
     safety: bool
     meaning: str
+    paper: SettingValue | None
+    """The value that the paper names; None where it names none."""
 
     @property
     def key(self) -> str:
         """``group.name``."""
         return f"{self.group}.{self.name}"
+
+    @property
+    def replayed(self) -> bool:
+        """A replay of a recorded walk without its pictures shows what another value would have changed."""
+        if self.key in _REPLAYED_KEYS:
+            return True
+        return self.group not in _NOT_REPLAYED_GROUPS and self.key not in _NOT_REPLAYED_KEYS
 
     def range_text(self) -> str:
         """The permitted values in words."""
@@ -350,6 +444,10 @@ class SettingSpec:
             return "choose true or false"
         kind = "a whole number" if self.kind == "int" else "a number"
         return f"give {kind} from {self.low:g} to {self.high:g}" + (f" ({self.unit})" if self.unit else "")
+
+
+def _unit_of(key: str) -> str:
+    return _UNITS.get(key.rsplit("_", 1)[-1], "")
 
 
 _UNITS = {"m": "m", "s": "s", "deg": "°", "px": "px", "hz": "Hz", "count": "", "fraction": "", "rad": "rad"}
@@ -372,9 +470,9 @@ def _specs() -> Iterator[SettingSpec]:
             choices = tuple(entry.get("enum", ())) or ((entry["const"],) if "const" in entry else ())
             kind: Any = "choice" if choices else {"number": "float", "integer": "int", "boolean": "bool"}[entry["type"]]
             yield SettingSpec(
-                group, title, name, kind, _UNITS.get(name.rsplit("_", 1)[-1], ""), model_field.default,
+                group, title, name, kind, _unit_of(name), model_field.default,
                 entry.get("minimum"), entry.get("maximum"), entry.get("step"), choices,
-                entry.get("source", ""), bool(entry.get("safety")), model_field.description or "",
+                entry.get("source", ""), bool(entry.get("safety")), model_field.description or "", entry.get("paper"),
             )  # fmt: skip
 
 

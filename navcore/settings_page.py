@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from navcore.settings import SettingSpec, setting_specs
+from navcore.settings import ORDERS, SettingSpec, setting_specs
 
 
 def settings_markdown() -> str:
@@ -11,7 +11,8 @@ def settings_markdown() -> str:
         "# Settings",
         "",
         "Made by `make docs` from `navcore/settings.py`. Change one for a run with `--set group.name=value`, or live",
-        "in the console. Settings marked ⚠ are critical to safety.",
+        "in the console. Settings marked ⚠ are critical to safety: changed live they need a confirmation, run for a",
+        "while only unless somebody keeps them, and are locked while somebody is led.",
     ]
     group = ""
     for spec in setting_specs():
@@ -25,6 +26,10 @@ def settings_markdown() -> str:
                 "| --- | --- | --- | --- | --- |",
             ]
         lines.append(_row(spec))
+    lines += ["", "## What must stay in order", "", "| setting | | setting | because |", "| --- | --- | --- | --- |"]
+    for order in ORDERS:
+        relation = "≤" if order.may_equal else "<"
+        lines.append(f"| `{order.lower}` | {relation} | `{order.upper}` | {order.why} |")
     return "\n".join(lines) + "\n"
 
 

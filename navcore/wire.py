@@ -149,12 +149,15 @@ class Event(_Message, frozen=True, tag="event"):
 
 
 class SettingsRunning(_Message, frozen=True, tag="settings_running"):
-    """The settings that the device runs; the answer to ApplySettings."""
+    """The settings that the device runs; the answer to ApplySettings and KeepSettings."""
 
     revision: Count
     values: dict[str, float | int | bool | str]
     refused_revision: Count | None = None
+    """A revision that was asked for and does not run: it was refused, or tried out and not kept."""
     refusal: Text = ""
+    revert_at_s: Finite | None = None
+    """When the settings before run again, on the device's clock; None where these have been kept."""
 
 
 class GraphRunning(_Message, frozen=True, tag="graph_running"):
@@ -263,6 +266,17 @@ class ApplySettings(_Message, frozen=True, tag="apply_settings"):
 
     revision: Count
     values: dict[str, float | int | bool | str]
+    revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
+    """The settings before run again after this time unless these are kept; 0: these are kept at once."""
+    override_reason: Text = ""
+    """Why what safety hangs on is changed though somebody is being led; empty: then it is refused."""
+
+
+class KeepSettings(_Message, frozen=True, tag="keep_settings"):
+    """Keep the settings that are tried out, or give them up at once."""
+
+    revision: Count
+    keep: bool = True
 
 
 class PublishGraph(_Message, frozen=True, tag="publish_graph"):
@@ -303,7 +317,7 @@ DeviceMessage = (
 )  # fmt: skip
 ConsoleMessage = (
     Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
-    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping
+    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping | KeepSettings
 )  # fmt: skip
 
 _UP, _DOWN = Direction.UP, Direction.DOWN
@@ -332,6 +346,7 @@ _ROWS = (
     MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),

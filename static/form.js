@@ -10,16 +10,16 @@ let count = 0;
  * Open a form; resolves with whether it was sent. `fields` is a list of
  * {name, label, type: text|number|select|check|textarea, value, options: [[value, text]], hint, placeholder, required, min, max,
  * maxlength, span: columns of six in a wide form, shown: (values) => bool}. `submit(values)` throws a sentence to keep the form open, with all that was typed.
- * The browser asks before a page is left on which something was typed and not sent. `extra` is a node under the fields; `onInput(values)` hears each change.
+ * The browser asks before a page is left on which something was typed and not sent. `before` is a node above the fields, `extra` one under them; `onInput(values)` hears each change.
  */
-export function openForm({ title, lead, fields, submitText = "Save", submit, extra, onInput, wide = false }) {
+export function openForm({ title, lead, fields, submitText = "Save", submit, before, extra, onInput, wide = false }) {
   const id = `form-${++count}`;
   const made = fields.map((field) => makeField(field, `${id}-${field.name}`));
   const problem = el("p", { class: "problem", role: "alert" });
   const send = el("button", { type: "submit", class: "primary" }, submitText);
   const form = el("form", { class: "stack", novalidate: true },
     el("h2", { id: `${id}-title` }, title), lead ? el("p", { class: "quiet" }, lead) : null,
-    ...made.map(({ node }) => node), extra ?? null, problem,
+    before ?? null, ...made.map(({ node }) => node), extra ?? null, problem,
     el("div", { class: "row end" }, el("button", { type: "button", onclick: () => dialog.close() }, "Cancel"), send));
   const dialog = el("dialog", { "aria-labelledby": `${id}-title`, class: wide ? "wide-dialog" : "" }, form);
   const values = () => Object.fromEntries(made.map((field) => [field.name, field.value()]));

@@ -342,7 +342,7 @@ def test_settings_run_or_are_refused_and_both_are_kept(
         ({"no.such": 1}, "no setting"),
         ({}, "cannot be used"),
         ({"gate.clearance_m": 1.5}, "safety hangs on gate.clearance_m"),
-        ({"obstacle.stop_distance_m": 2.0, "obstacle.clearance_m": 1.0}, "less than obstacle.clearance_m"),
+        ({"obstacle.stop_distance_m": 2.0, "obstacle.clearance_m": 1.0}, "less than obstacle.narrow_clearance_m"),
     ],
 )
 def test_unfit_settings_are_refused_before_they_are_sent(

@@ -10,7 +10,17 @@ import pytest
 
 from device_agent.adapters.fakes import FakeLocalizer
 from device_agent.orders import at_rest, carry_out
-from device_agent.state import DeviceState, Happened, Notice, Outdated, PreparedMap, StoreGraph, StoreSettings, SwapMap
+from device_agent.state import (
+    DeviceState,
+    Happened,
+    Notice,
+    Outdated,
+    PreparedMap,
+    RunSettings,
+    StoreGraph,
+    StoreSettings,
+    SwapMap,
+)
 from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, PoiGraph
 from navcore.settings import Settings
@@ -44,8 +54,8 @@ def guiding(ready: DeviceState) -> DeviceState:
 def test_a_settings_change_runs_whole_or_not_at_all(ready: DeviceState) -> None:
     state, effects = carry_out(ready, ApplySettings(8, {"follower.sub_goal_distance_m": 2.5}), 0.0)
     assert state.settings.follower.sub_goal_distance_m == 2.5
-    assert [type(effect) for effect in effects] == [StoreSettings, SettingsRunning]
-    assert effects[1] == SettingsRunning(8, state.settings.values())
+    assert [type(effect) for effect in effects] == [RunSettings, StoreSettings, SettingsRunning]
+    assert effects[2] == SettingsRunning(8, state.settings.values())
     refused, answers = carry_out(
         state, ApplySettings(9, {"follower.sub_goal_distance_m": 1.5, "gate.clearance_m": 99.0}), 0.0
     )

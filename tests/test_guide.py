@@ -268,7 +268,7 @@ def walking_at(speed_m_s: float, *solids, until_x_m: float = 2.0) -> tuple[Guida
 
 def test_who_walks_fast_is_stopped_farther_away():
     wall = box(3.4, -0.6, 3.8, 0.6)
-    wide = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    wide = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     answers = []
     for speed_m_s in (0.4, 1.3):
         before, here = walking_at(speed_m_s, until_x_m=2.0)
@@ -399,7 +399,7 @@ def test_no_direction_is_walked_that_leaves_less_than_the_way_to_stop():
 def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, stops: bool):
     """At 0.8 m/s a wall 1.28 m ahead: enough for somebody who reacts at once, too little for one who does not."""
     settings = SETTINGS.changed({
-        "obstacle.slow_reaction_s": slow_s, "obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8,
+        "obstacle.slow_reaction_s": slow_s, "obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85,
     })  # fmt: skip
     before, here = walking_at(0.8)
     result = decide(here, seen(here, box(3.28, -3, 3.4, 3)), before, settings=settings)
@@ -408,7 +408,7 @@ def test_who_walks_has_room_to_stop_even_where_they_react_slowly(slow_s: float, 
 
 def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed():
     """At 0.4 m/s, told to walk a moment ago: before they react they are faster, and need more room than they show."""
-    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     before, here = walking_at(0.4)
     found = seen(here, box(3.06, -3, 3.2, 3))
     assert decide(here, found, before, settings=settings).action is not Action.WALK
@@ -418,7 +418,7 @@ def test_who_has_just_begun_to_walk_is_stopped_as_one_who_is_still_gaining_speed
 
 def test_who_gains_speed_may_gain_what_they_have_walked_before():
     """At 0.7 m/s, and a wall 1.38 m ahead: enough for most, too little for one who has walked 1.05 m/s today."""
-    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.8})
+    settings = SETTINGS.changed({"obstacle.clearance_m": 1.0, "obstacle.narrow_clearance_m": 0.85})
     before, here = walking_at(0.7)
     found = seen(here, box(3.38, -3, 3.5, 3))
     assert decide(here, found, before, settings=settings).action is Action.WALK

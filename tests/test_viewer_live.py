@@ -34,6 +34,7 @@ from navcore.wire import (
     ClearDestination,
     DepthImage,
     Hello,
+    KeepSettings,
     Pause,
     Repeat,
     RouteChanged,
@@ -317,7 +318,20 @@ def test_what_safety_hangs_on_is_sent_only_once_confirmed(
     browser.set_widget("Send it", True)
     (order,) = outlet.sent
     assert isinstance(order, ApplySettings)
-    assert order.values["obstacle.stop_distance_m"] == 1.0
+    assert (order.values["obstacle.stop_distance_m"], order.revert_after_s) == (1.0, 60.0)
+    panel = browser.view.tuning_panel
+    assert panel is not None
+    browser.tick()
+    assert not panel._trial.visible
+    until_s = services.hub.now_s() + 60.0 + services.hub.device("glasses").clock_offset_s
+    services.hub.receive("glasses", SettingsRunning(order.revision, order.values, revert_at_s=until_s))
+    browser.tick()
+    assert panel._trial.visible
+    browser.set_widget("Keep it", True)
+    assert outlet.sent[-1] == KeepSettings(order.revision)
+    services.hub.receive("glasses", SettingsRunning(order.revision, order.values))
+    browser.tick()
+    assert not panel._trial.visible
 
 
 @pytest.mark.parametrize("browser", ["technician"], indirect=True)

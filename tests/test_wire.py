@@ -54,6 +54,7 @@ DOWN: list[wire.ConsoleMessage] = [
     wire.Repeat(),
     wire.Say("Hello."),
     wire.ApplySettings(4, {"gate.clearance_m": 2.0}),
+    wire.KeepSettings(4, keep=False),
     wire.PublishGraph(PoiGraph(1, {"a": Poi("a", "A", "room", 0.0, 0.0)})),
     wire.MapAvailable("/api/device/map", "abc", 10, "0" * 64),
     wire.EventConfirmed(5),

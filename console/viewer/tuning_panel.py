@@ -1,7 +1,8 @@
 """Sliders for the settings of a device, made from the settings model.
 
-A value is sent when it is let go; what people's safety hangs on only once that is confirmed. The panel says whether the
-change was sent, runs, or was refused, and what the device really runs.
+A value is sent when it is let go; what people's safety hangs on only once that is confirmed, and it is tried out until
+somebody keeps it, here or on the settings page. The panel says whether the change was sent, runs, or was refused, and
+what the device really runs. What is locked while somebody is led is refused here: only the settings page asks why.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from console.errors import ConflictError, ForbiddenError
 from console.hub import DeviceHub
 from console.live import Command, LiveDevice
 from console.roles import TUNING, SignedIn
-from console.tuning import Tuning
+from console.tuning import Consent, Tuning
 from console.viewer.widgets import at_once, on_change, on_press, set_value
 from console.viewer.wording import card
 from navcore.errors import VbrError
@@ -48,6 +49,7 @@ class TuningPanel:
         gui = client.gui
         self._words = gui.add_html(card("No device has told its settings yet."))
         self._add_confirmation(gui)
+        self._add_trial(gui)
         for group in GROUPS:
             specs = [spec for spec in setting_specs() if spec.group == group]
             with gui.add_folder(specs[0].group_title, expand_by_default=False):
@@ -62,6 +64,15 @@ class TuningPanel:
             back = gui.add_button("Take it back", color="gray")
         on_press(send, self._confirm, at_once)
         on_press(back, self._take_back, at_once)
+
+    def _add_trial(self, gui: viser.GuiApi) -> None:
+        self._trial = gui.add_folder("Being tried out", visible=False)
+        with self._trial:
+            self._left = gui.add_html("")
+            keep = gui.add_button("Keep it", icon=viser.Icon.CHECK, color="green")
+            back = gui.add_button("Go back now", color="gray")
+        on_press(keep, lambda: self._end_trial(keep=True), at_once)
+        on_press(back, lambda: self._end_trial(keep=False), at_once)
 
     def _add(self, gui: viser.GuiApi, spec: SettingSpec) -> None:
         widget = _widget(gui, spec)
@@ -104,14 +115,24 @@ class TuningPanel:
         self._confirmation.visible = False
 
     def _send(self, changes: dict[str, SettingValue], *, confirmed: bool) -> None:
+        consent = Consent(confirmed=confirmed)
+        self._do(lambda device: self._tuning.change(device.device_id, changes, self._person.user_name, consent))
+
+    def _end_trial(self, *, keep: bool) -> None:
+        self._do(
+            lambda device: self._tuning.keep(
+                device.device_id, device.settings_revision, self._person.user_name, keep=keep
+            )
+        )
+
+    def _do(self, act: Callable[[LiveDevice], Command]) -> None:
         try:
             if self._person.role not in TUNING:
                 raise ForbiddenError("Your role may not change settings: ask a technician.")
             if self._device is None:
                 raise ConflictError("No device has connected yet: try again when one has.")
-            device_id = self._device.device_id
-            self._tuning.change(device_id, changes, self._person.user_name, confirmed=confirmed)
-            self._device = self._hub.device(device_id)
+            act(self._device)
+            self._device = self._hub.device(self._device.device_id)
         except VbrError as error:
             self._tell("Not sent", str(error))
             self._shown = None
@@ -121,6 +142,12 @@ class TuningPanel:
         device = self._device
         if device is None or device.settings is None:
             return
+        left_s = device.trial_left_s(self._hub.now_s())
+        self._trial.visible = left_s is not None
+        if left_s is not None:
+            self._left.content = card(
+                f"Revision {device.settings_revision} runs for {left_s:.0f} s more, and then what ran before."
+            )
         last = last_change(device)
         self._words.content = card(words(device, last))
         waiting = last is not None and last.state == "sent"

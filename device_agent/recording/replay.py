@@ -14,6 +14,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import TypeVar
 
+import msgspec
 import numpy as np
 
 from device_agent.adapters.clocks import SteppedClock
@@ -34,7 +35,8 @@ from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
 from navcore.geometry import Transform
 from navcore.obstacle.levelling import Expected, Levelling
-from navcore.settings import ObstacleSettings, Settings, SettingValue
+from navcore.obstacle.scan import with_directions
+from navcore.settings import ObstacleSettings, Settings, SettingValue, not_replayed
 from navcore.site import Site
 from navcore.types import (
     CameraIntrinsics,
@@ -46,12 +48,10 @@ from navcore.types import (
     ObstacleScan,
     SonarReading,
 )
-from navcore.wire import decode_from_console
+from navcore.wire import ApplySettings, decode_from_console
 
 T = TypeVar("T")
 MakeLocalizer = Callable[[CameraIntrinsics, Settings], LocalizerPort]
-_SEEN_WITH = ("localization.", "obstacle.")
-"""Settings that poses and scans were made with."""
 _SHOWN_LENGTH, _SHOWN_BEFORE = 100, 40
 """Characters of a value that are shown, and how many of them before the first that differs."""
 _NOT_NOTED = Raised("LookupError", "The recording does not tell.")
@@ -87,10 +87,11 @@ def replay(
         InputError: where what is needed is not in the files; the text says what to do.
     """
     changes = changes or {}
-    if make_localizer is None and any(key.startswith(_SEEN_WITH) for key in changes):
+    unseen = not_replayed(changes)
+    if make_localizer is None and unseen:
         raise InputError(
-            "Poses and scans of a recording are those of then: to replay it under other settings of localization or"
-            " obstacles, name --site, and a recording with pictures."
+            f"Poses, what stands in the way and the device's pace are in a recording as they were then, so"
+            f" {', '.join(unseen)} cannot be judged by it: leave it out, or name --site, and a recording with pictures."
         )
     run: _Run | None = None
     for part in parts:
@@ -112,6 +113,29 @@ def cue_line(cue: Cue) -> dict[str, object]:
         if value is not None:
             line[name] = round(value, 1)
     return line
+
+
+def decision_line(cycle: ReplayedCycle) -> dict[str, object]:
+    """Return a cycle as a list of decisions has it: what was decided then, and what is now, and in what they differ."""
+    then = _decision(cycle.notes.guidance, cycle.notes.cues)
+    now = _decision(cycle.cycle.guidance, cycle.cues)
+    differs_in = [name for name in then if then[name] != now[name]]
+    return {
+        "cycle": cycle.notes.number, "stamp_s": round(cycle.notes.guidance.stamp_s, 4), "differs_in": differs_in,
+        "then": then, "now": now,
+    }  # fmt: skip
+
+
+def _decision(guidance: Guidance, cues: tuple[Cue, ...]) -> dict[str, object]:
+    direction, deviation_m = guidance.direction, guidance.trace.deviation_m
+    return {
+        "action": guidance.action.value,
+        "reason": guidance.reason.value,
+        "rule": guidance.trace.rule,
+        "direction_deg": None if direction is None else round(math.degrees(direction), 1),
+        "deviation_m": None if deviation_m is None else round(deviation_m, 3),
+        "cues": [cue.text or cue.kind.value for cue in cues],
+    }
 
 
 def difference(cycle: ReplayedCycle) -> dict[str, object]:
@@ -173,7 +197,8 @@ class _Run:
         localizer: LocalizerPort = _NoLocalizer()
         if make_localizer is not None:
             localizer = _rehearsed(part, make_localizer(opening.intrinsics, state.settings))
-        self._tap = _ReplayTap(self._from_pictures)
+        self._changes = changes
+        self._tap = _ReplayTap(self._from_pictures, redirects=any(key.startswith("obstacle.") for key in changes))
         parts = DeviceParts(
             SteppedClock(), _ReplayedCamera(self._tap, opening.intrinsics), _ReplayedSonar(self._tap), FakeOutput(),
             NoUplink(), lambda *_: localizer, tap=self._tap,
@@ -208,7 +233,11 @@ class _Run:
 
     def _order(self, order: OrderTaken) -> Order:
         if order.message is not None:
-            return decode_from_console(order.message)
+            message = decode_from_console(order.message)
+            if isinstance(message, ApplySettings):
+                # What was changed on the way back then does not undo what is looked at now.
+                message = msgspec.structs.replace(message, values=message.values | dict(self._changes))
+            return message
         if (local := order.lead or order.press or order.told) is not None:
             return local
         if order.map is None:
@@ -244,8 +273,10 @@ def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:
 class _ReplayTap(Tap):
     """Gives the loop what was noted, each thing as often as it asked for it then."""
 
-    def __init__(self, from_pictures: bool) -> None:
+    def __init__(self, from_pictures: bool, *, redirects: bool = False) -> None:
         self.from_pictures = from_pictures
+        self.redirects = redirects
+        """The directions of a scan are found anew, for other settings than those of then."""
         self._now_s: Iterator[float] = iter(())
         self._stale_s: Iterator[float] = iter(())
         self._stop_counts: Iterator[int] = iter(())
@@ -324,7 +355,8 @@ class _ReplayTap(Tap):
             if self.from_pictures:
                 self.seen = scan(depth_m, intrinsics, world_from_camera, settings, expected)
             else:
-                self.seen = _given(self.notes.scan, self.notes.scan_error)
+                noted = _given(self.notes.scan, self.notes.scan_error)
+                self.seen = with_directions(noted, settings) if self.redirects else noted
             return self.seen
 
         locator = _ReplayedLocator(self, ports.locator)

@@ -164,7 +164,8 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew", "camera_moved", "camera_agrees", "look_ahead",
-         "looks_left", "looks_right", "looks_ahead", "storage_trouble"),
+         "looks_left", "looks_right", "looks_ahead", "storage_trouble",
+         "settings_changing", "settings_back"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",

@@ -8,6 +8,7 @@ scan is of one image.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,14 +76,22 @@ def scan_levelled(
     seen = _bearings_in_image(grid)
     bearing_rad = grid.bearing_rad[seen]
     nearest_m, top_m, state = _nearest(grid)
-    nearest_m, top_m, state = nearest_m[seen], top_m[seen], state[seen]
-    ahead_m = clearance_ahead_m(bearing_rad, nearest_m, settings.person_width_m, MAX_RANGE_M)
-    return ObstacleScan(
-        bearing_rad, nearest_m, state,
-        candidate_directions(bearing_rad, nearest_m, state, settings, MAX_RANGE_M),
-        grid.valid_fraction, ahead_m if ahead_m < MAX_RANGE_M else None,
-        top_m, grid.steepest[seen], levelling.height_m, tilt_rad=levelling.tilt_rad,
+    found = ObstacleScan(
+        bearing_rad, nearest_m[seen], state[seen], (), grid.valid_fraction, None,
+        top_m[seen], grid.steepest[seen], levelling.height_m, tilt_rad=levelling.tilt_rad,
     )  # fmt: skip
+    return with_directions(found, settings)
+
+
+def with_directions(scan: ObstacleScan, settings: ObstacleSettings) -> ObstacleScan:
+    """Return a scan of one image with the candidate directions, and the room ahead, that follow from its bearings."""
+    seen = scan.bearing_rad, scan.nearest_m
+    ahead_m = clearance_ahead_m(*seen, settings.person_width_m, MAX_RANGE_M)
+    return replace(
+        scan,
+        candidates=candidate_directions(*seen, scan.state, settings, MAX_RANGE_M),
+        nearest_ahead_m=ahead_m if ahead_m < MAX_RANGE_M else None,
+    )
 
 
 def nothing_known(depth_m: DepthImage) -> ObstacleScan:

@@ -1,0 +1,184 @@
+"""What other settings would have changed in a recorded walk: the device's own replay in a process of its own."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from recorded_walk import STORED_WALK
+from test_past_walks import take
+
+from console.errors import ConflictError, NotFoundError
+from console.past_walks import PastWalks
+from console.recordings import Recordings
+from console.what_if import MAX_WAITING_COUNT, WhatIfRun, WhatIfs
+from console.what_if_result import Decision, DecisionPair, compared, read_decisions
+from device_agent.cli import main
+from device_agent.recording.reading import RecordedPart
+from device_agent.recording.replay import replay
+from navcore.errors import InputError, SettingError
+from navcore.settings import Settings, SettingValue, setting_specs
+
+WALK = "20261129T114718Z-glasses"
+WAIT_S = 120.0
+
+
+@pytest.fixture
+def what_ifs(tmp_path: Path) -> Iterator[WhatIfs]:
+    recordings = Recordings(tmp_path / "recordings", lambda: 1_800_000_000.0)
+    take(recordings, STORED_WALK.read_bytes())
+    asked = WhatIfs(PastWalks(recordings))
+    yield asked
+    asked.close()
+
+
+def answered(what_ifs: WhatIfs, run: WhatIfRun) -> WhatIfRun:
+    """Wait until a question is settled; the process that answers it tells nobody."""
+    deadline_s = time.monotonic() + WAIT_S
+    while run.state in ("waiting", "running"):
+        assert time.monotonic() < deadline_s, "it was never answered"
+        threading.Event().wait(0.05)
+        run = what_ifs.run(run.run_id)
+    return run
+
+
+def decision(
+    action: str, reason: str = "ok", direction_deg: float | None = 0.0, cues: tuple[str, ...] = ()
+) -> Decision:
+    return Decision(action, reason, "a rule", direction_deg, 0.2, cues)  # type: ignore[arg-type]
+
+
+def pairs(*sides: tuple[Decision, Decision], step_s: float = 0.5) -> tuple[DecisionPair, ...]:
+    found = []
+    for number, (then, now) in enumerate(sides):
+        names = [name for name in Decision.__struct_fields__ if getattr(then, name) != getattr(now, name)]
+        found.append(DecisionPair(number, 10.0 + number * step_s, tuple(names), then, now))
+    return tuple(found)
+
+
+def test_other_settings_are_compared_with_then_and_remembered(what_ifs: WhatIfs) -> None:
+    changes: dict[str, SettingValue] = {"follower.policy": "paper", "obstacle.low_height_m": 0.2}
+    run = answered(what_ifs, what_ifs.start(WALK, changes))
+    assert (run.state, run.why, run.percent) == ("done", "", 100)
+    assert run.not_judged == ("obstacle.low_height_m",), "never no change"
+    assert run.result is not None
+    assert run.result.cycle_count == 81
+    assert 0.0 < run.result.different_s < run.result.length_s
+    assert run.result.then.seconds["walk"] == pytest.approx(52 * 0.2, abs=0.25)
+    assert sum(run.result.now.seconds.values()) == pytest.approx(run.result.length_s)
+    assert what_ifs.start(WALK, dict(reversed(changes.items()))) is run, "the same question is not asked twice"
+    part = answered(what_ifs, what_ifs.start(WALK, changes, last_s=10.0)).result
+    assert part is not None
+    assert part.length_s == pytest.approx(10.0, abs=0.5)
+
+
+def test_what_no_recording_can_show_is_said_and_nothing_is_started(what_ifs: WhatIfs) -> None:
+    run = what_ifs.start(WALK, {"localization.feature_count": 800})
+    assert (run.state, run.not_judged) == ("failed", ("localization.feature_count",))
+    assert run.why.startswith("None of these can be judged")
+    with pytest.raises(SettingError):
+        what_ifs.start(WALK, {"no.such": 1})
+    with pytest.raises(NotFoundError):
+        what_ifs.start("another", {"gate.clearance_m": 1.5})
+    failed = answered(what_ifs, what_ifs.start(WALK, {"gate.clearance_m": 99.0}))
+    assert failed.state == "failed"
+    assert "from 0.5 to 4" in failed.why
+
+
+def test_questions_are_bounded_in_time_and_number_and_may_be_given_up(what_ifs: WhatIfs) -> None:
+    # The first is taken up at once, or a moment later.
+    runs = [what_ifs.start(WALK, {"gate.clearance_m": 1.0 + number / 10}) for number in range(MAX_WAITING_COUNT)]
+    with contextlib.suppress(ConflictError):
+        what_ifs.start(WALK, {"gate.clearance_m": 3.0})
+    with pytest.raises(ConflictError, match="wait already"):
+        what_ifs.start(WALK, {"gate.clearance_m": 3.1})
+    for run in runs[1:]:
+        assert what_ifs.cancel(run.run_id).state in ("cancelled", "done")
+    assert what_ifs.start(WALK, {"gate.clearance_m": 1.7}).state in ("waiting", "running"), "given up, and asked anew"
+    what_ifs.close()
+    hurried = WhatIfs(what_ifs._walks, max_run_s=0.05)
+    late = answered(hurried, hurried.start(WALK, {"gate.clearance_m": 1.5}))
+    hurried.close()
+    assert (late.state, "choose a shorter walk" in late.why) == ("failed", True)
+
+
+def test_unchanged_settings_replay_to_the_bit() -> None:
+    """Set to the value of then, all comes to the same: the directions that are found anew as well."""
+    then = Settings().values()
+    same = {
+        spec.key: then[spec.key] for spec in setting_specs() if spec.replayed and spec.group in ("obstacle", "gate")
+    }
+    assert all(not cycle.differs_in for cycle in replay([RecordedPart(STORED_WALK)], changes=same))
+
+
+def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> None:
+    """In the stored walk somebody sets d to 1.5 m on the way."""
+    far, as_then = (
+        {
+            cycle.notes.number: cycle.cycle.guidance.trace.sub_goal
+            for cycle in replay([RecordedPart(STORED_WALK)], changes={"follower.policy": "paper", **more})
+            if 4.7 < cycle.notes.guidance.stamp_s < 6.0
+        }
+        for more in ({"follower.sub_goal_distance_m": 6.0}, {})
+    )
+    assert len(far) > 5
+    for number, sub_goal in far.items():
+        before = as_then[number]
+        assert sub_goal is not None
+        assert before is not None
+        assert sub_goal.x_m > before.x_m + 1.0
+
+
+def test_the_command_writes_each_decision_then_and_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    out = tmp_path / "decisions.jsonl"
+    assert main(["walks", "replay", str(STORED_WALK), f"--decisions={out}", "--json"]) == 0
+    lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
+    assert len(lines) == json.loads(capsys.readouterr().out)["cycles"] == 81
+    assert all(line["then"] == line["now"] and line["differs_in"] == [] for line in lines)
+    assert len(read_decisions(out)) == 81
+    assert main(["walks", "replay", str(STORED_WALK), f"--decisions={tmp_path}/no/where"]) == 2
+    assert main(["walks", "replay", str(STORED_WALK), "--site=x", "--last=5"]) == 2
+
+
+def test_what_differs_is_counted_as_a_walker_would_count_it() -> None:
+    walk, stop = decision("walk"), decision("stop", "no_candidate", None, ("Stop.",))
+    back, sonar = decision("walk", "off_road", 32.0), decision("stop", "obstacle_sonar", None)
+    found = compared(pairs((walk, walk), (walk, stop), (walk, stop), (sonar, stop), (walk, back), (walk, walk)))
+    assert (found.length_s, found.different_s) == (3.0, 2.0)
+    assert found.then.seconds == {"walk": 2.5, "turn": 0.0, "stop": 0.5}
+    assert found.now.seconds == {"walk": 1.5, "turn": 0.0, "stop": 1.5}
+    assert (found.then.stop_count, found.now.stop_count) == (1, 1)
+    assert found.now.stops_by_reason == {"No free direction in view.": 1}
+    assert (found.then.no_way_count, found.now.no_way_count, found.now.off_road_count) == (0, 1, 1)
+    assert (found.then.cue_count, found.now.cue_count) == (0, 3)
+    (stretch,) = found.different
+    assert (stretch.from_s, stretch.to_s) == (0.5, 2.5)
+    assert stretch.then == "Walk straight on: The way is free. (a rule)"
+    assert stretch.now == "Stop: No free direction in view. (a rule) “Stop.”"
+    assert [(band.from_s, band.then, band.now) for band in found.bands] == [
+        (0.0, "walk", "walk"), (0.5, "walk", "stop"), (1.5, "stop", "stop"), (2.0, "walk", "walk"),
+    ]  # fmt: skip
+    assert "Walk 30° left: Off the road" in found.instants[3].now
+
+
+def test_a_gap_counts_for_no_decision_and_what_is_only_measured_is_no_difference() -> None:
+    first, second = pairs((decision("walk"), decision("walk")), (decision("walk"), decision("walk")), step_s=60.0)
+    measured = DecisionPair(2, 71.0, ("deviation_m", "rule"), decision("walk"), decision("walk"))
+    found = compared((first, second, measured))
+    assert found.then.seconds["walk"] == 3.0
+    assert found.different == ()
+    with pytest.raises(InputError, match="not one whole cycle"):
+        compared(())
+
+
+def test_damaged_decisions_are_told(tmp_path: Path) -> None:
+    (tmp_path / "cut.jsonl").write_text('{"cycle": 1, "stamp_s": 0.2', encoding="utf-8")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_decisions(tmp_path / "cut.jsonl")
+    with pytest.raises(InputError, match="cannot be read"):
+        read_decisions(tmp_path / "none.jsonl")

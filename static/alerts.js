@@ -7,7 +7,6 @@ import { badge, el, setText } from "./dom.js";
 import { openForm } from "./form.js";
 import { attempt } from "./toast.js";
 
-const SHOWN = 30;
 const PHASES = {
   unacknowledged: ["", "!", "not seen"], returned: ["info", "↩", "over, not seen"], acknowledged: ["good", "✓", "seen"], shelved: ["", "◌", "shelved"],
 };
@@ -20,9 +19,9 @@ export function span(length_s) {
 }
 
 export class AlertList {
-  /** `root` is an empty element; `device()` returns the id of the device to show, or null for all. */
-  constructor(root, { device = () => null, empty = "No alerts." } = {}) {
-    Object.assign(this, { root, device, emptyWords: empty });
+  /** `root` is an empty element; `device()` returns the id of the device to show, or null for all. No more than `most` are shown. */
+  constructor(root, { device = () => null, most = 30, empty = "No alerts." } = {}) {
+    Object.assign(this, { root, device, most, emptyWords: empty });
     this.nodes = new Map();
     this.note = el("p", { class: "small quiet alert-note" });
     this.list = el("ol", { class: "alerts", "aria-label": "Alerts, the most urgent first" });
@@ -35,7 +34,7 @@ export class AlertList {
   show(alerts, elapsed_s, known) {
     const id = this.device();
     const mine = alerts.filter(({ device_id }) => id === null || device_id === id);
-    const seen = mine.slice(0, SHOWN);
+    const seen = mine.slice(0, this.most);
     this.root.classList.toggle("unknown", !known);
     this.root.classList.toggle("none", mine.length === 0 && known);
     let words = mine.length ? "" : this.emptyWords;
@@ -44,7 +43,7 @@ export class AlertList {
     this.place(seen);
     for (const alert of seen) this.nodes.get(alert.id).age(alert, elapsed_s);
     const rest = mine.length - seen.length;
-    this.more.replaceChildren(...(rest ? [`and ${rest} more, all less urgent: `, el("a", { href: "/alerts" }, "see all alerts")] : []));
+    this.more.replaceChildren(...(rest ? [`and ${rest} more, none more urgent: `, el("a", { href: "/alerts" }, "see all alerts")] : []));
   }
 
   /** Put the alerts in their order; those that are as they were stay the same nodes, and keep the focus. */
@@ -118,7 +117,7 @@ function buttons({ id, title, device, phase, acknowledged_by }) {
   const made = [];
   if (!acknowledged_by) {
     made.push(button("ack", "Acknowledge", () => attempt(() => act(id, "acknowledge", {})), "slim primary"));
-    made.push(button("note", "With a note…", () => note(id, about), "slim plain"));
+    made.push(button("note", "Note…", () => note(id, about), "slim plain"));
   }
   if (phase === "shelved") made.push(button("unshelve", "Take off the shelf", () => attempt(() => act(id, "unshelve"))));
   else made.push(button("shelve", "Shelve…", () => shelve(id, about), "slim plain"));

@@ -8,7 +8,7 @@ import { ready, start } from "./shell.js";
 import { decision } from "./walker.js";
 
 await start();
-new AlertList($("alerts"));
+new AlertList($("alerts"), { most: 3 });
 const rows = new Map();
 const cards = new Map();
 let now_s = 0;

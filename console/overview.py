@@ -15,10 +15,15 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import WalkerState
 
 Row = Mapping[str, Any]
+"""Every row has the same fields: what is not known any more is told as None."""
+_OF_THE_STATE = (
+    "mode", "mode_label", "mode_sentence", "action", "reason", "quality", "direction_rad", "place", "destination",
+    "remaining_m", "battery_percent",
+)  # fmt: skip
 
 
 def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords) -> Row:
-    """Return one device; ``captured_s`` and the like are on the console's monotonic clock."""
+    """Return one device; ``captured_s`` is on the console's monotonic clock, and None before its first state."""
     state = device.state
     return {
         "name": device.name,
@@ -26,7 +31,7 @@ def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords) -> Row
         "captured_s": round(state.stamp_s - device.clock_offset_s, 3) if state is not None else None,
         "uncertainty_s": _rounded(device.clock_uncertainty_s, 4),
         "link_delay_s": _rounded(device.round_trip_s / 2 if device.round_trip_s is not None else None, 3),
-        "state": _state_row(state, graph, places) if state is not None else None,
+        **(_state_row(state, graph, places) if state is not None else dict.fromkeys(_OF_THE_STATE)),
     }
 
 

@@ -3,15 +3,14 @@
 const LED = ["guiding", "lost", "paused", "fault"];
 
 /** How much a row of the overview needs attention: [rank, why]; the lowest rank is most urgent. `fresh` is how fresh the row is. */
-export function attention({ connected, state }, fresh) {
-  const mode = state?.mode;
+export function attention({ connected, mode, action, quality, reason }, fresh) {
   const led = LED.includes(mode);
   if (mode === "fault") return [0, "Something on the device does not work"];
   if (led && !connected) return [1, "Not connected, and was being guided"];
   if (led && (fresh === "lost" || fresh === "stale")) return [1, "Nothing heard of late, and was being guided"];
   if (mode === "lost") return [2, "The place in the map is not known"];
-  if (led && state.action === "stop" && mode !== "paused") return [3, state.reason];
-  if (led && state.quality !== "localized") return [4, "The place in the map is uncertain"];
+  if (led && action === "stop" && mode !== "paused") return [3, reason];
+  if (led && quality !== "localized") return [4, "The place in the map is uncertain"];
   if (led && fresh === "delayed") return [5, "What is heard is delayed"];
   if (led) return [6, ""];
   if (!connected || fresh === "lost") return [9, connected ? "Nothing heard" : "Not connected"];

@@ -89,27 +89,26 @@ class Card {
   }
 
   show({ row, age_s, fresh, rank, why }) {
-    const { state } = row;
     const { node } = this;
     if (node.dataset.freshness !== fresh) node.dataset.freshness = fresh;
     const need = rank <= 2 ? "bad" : rank <= 5 ? "warn" : "";
     if (node.dataset.need !== need) node.dataset.need = need;
     setText(this.name, row.name);
     showBadge(this.fresh, fresh, age_s);
-    const { sign, words } = state ? decision(state, state.destination) : { sign: "lost", words: "Has sent nothing yet" };
+    const { sign, words } = row.mode ? decision(row, row.destination) : { sign: "lost", words: "Has sent nothing yet" };
     this.drawSign(sign);
     setText(this.action, words);
-    setText(this.why, why || state?.mode_sentence || "");
-    this.drawFacts(state ? facts(row, state) : []);
+    setText(this.why, why || row.mode_sentence || "");
+    this.drawFacts(row.mode ? facts(row) : []);
   }
 }
 
-function facts(row, state) {
+function facts(row) {
   return [
-    ["Place", state.place || "not known"],
-    ["To", state.destination ?? "nowhere"],
-    ["Left", metres(state.remaining_m, 0)],
-    ["Battery", state.battery_percent === null ? "not told" : `${state.battery_percent} %`],
+    ["Place", row.place || "not known"],
+    ["To", row.destination ?? "nowhere"],
+    ["Left", metres(row.remaining_m, 0)],
+    ["Battery", row.battery_percent === null ? "not told" : `${row.battery_percent} %`],
     ["Link", row.link_delay_s === null ? "–" : `${Math.max(1, Math.round(row.link_delay_s * 1000))} ms`],
   ];
 }

@@ -61,7 +61,7 @@ NEED = """
 async () => {
   const { attention, byNeed } = await import('/static/attention.js');
   const row = (mode, action = 'walk', quality = 'localized', connected = true) => (
-    { connected, state: { mode, action, quality, reason: 'why' } });
+    { connected, mode, action, quality, reason: 'why' });
   const all = {
     walks: [row('guiding'), 'live'], ready: [row('ready'), 'live'], silent: [row('guiding'), 'stale'],
     stands: [row('guiding', 'stop'), 'live'], lost: [row('lost', 'stop', 'lost'), 'live'],

@@ -16,8 +16,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from console.hub import DeviceHub
+from console.live import LiveDevice
 from console.live_panel import device_view
-from console.overview import differences
+from console.overview import differences, overview_row
 from console.overview_socket import ROWS_AT_ONCE_COUNT, messages
 from console.place_words import PlaceWords
 from console.server import ConsoleServer
@@ -64,6 +65,17 @@ def test_a_place_is_told_in_the_words_of_the_map(small_site: Site) -> None:
     assert places.at(4.5, 9.0) == "9 m off the road, near Bar"
     assert PlaceWords(PoiGraph()).at(0.0, 0.0) == ""
     assert PlaceWords(PoiGraph(pois=small_site.poi_graph.pois)).at(6.0, 4.0) == "4 m from Bar"
+
+
+def test_a_device_that_joins_anew_and_has_not_told_its_state_is_not_shown_with_the_old_one(small_site: Site) -> None:
+    graph, places = small_site.poi_graph, PlaceWords(small_site.poi_graph)
+    hello = Hello(PROTOCOL_VERSION, "glasses", "0.1", "small", "x", 1, 0, 0.0)
+    before, now = (
+        overview_row(LiveDevice("glasses", "Glasses", hello, True, 0.0, 0.0, state=told), graph, places)
+        for told in (state(), None)
+    )
+    assert set(before) == set(now), "a field that is left out would stay on the page"
+    assert (before["mode"], now["mode"], now["captured_s"]) == ("guiding", None, None)
 
 
 # ------------------------------------------------------------------------------------------------- a real console
@@ -137,14 +149,14 @@ def test_the_overview_tells_every_device_once_and_then_what_differs(
         picture = heard(socket)
         assert set(picture["rows"]) == {"left", "right"}
         row = picture["rows"]["left"]
-        assert (row["name"], row["state"]["place"]) == ("Glasses left", "between Hall and Bar")
-        assert (row["state"]["destination"], row["state"]["remaining_m"]) == ("Bar", 3.0)
+        assert (row["name"], row["place"]) == ("Glasses left", "between Hall and Bar")
+        assert (row["destination"], row["remaining_m"]) == ("Bar", 3.0)
         assert picture["now_s"] - row["captured_s"] >= 0.0
         glasses[0].send(state(stamp_s=1000.5, remaining_m=2.0))
         while not (rows := heard(socket)["rows"]):
             pass
-        assert rows["left"]["state"]["remaining_m"] == 2.0
-        assert "name" not in rows["left"], "what has not changed is not told again"
+        assert set(rows["left"]) <= {"captured_s", "remaining_m", "uncertainty_s"}, "what is the same is not told again"
+        assert rows["left"]["remaining_m"] == 2.0
         assert "right" not in rows
 
 

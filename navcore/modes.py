@@ -31,6 +31,7 @@ class Mode(enum.StrEnum):
 
 ON_THE_WAY = frozenset({Mode.GUIDING, Mode.LOST})
 """Somebody is being led and goes on by themselves, as soon as the position is known and nothing has failed."""
+
 _LABELS = {
     Mode.OFF_DUTY: "Off duty",
     Mode.MAPPING: "Recording a map",

@@ -21,8 +21,8 @@ from console.errors import ConflictError, NotFoundError
 from console.past_walks import PastWalk, PastWalks
 from console.what_if_result import WhatIfResult, compared, read_decisions
 from navcore.command_process import CommandProcess
-from navcore.errors import InputError, SettingError, VbrError
-from navcore.settings import SettingValue, not_replayed, setting_specs
+from navcore.errors import InputError, VbrError
+from navcore.settings import SettingValue, not_replayed, spec_of
 
 MAX_RUN_S = 600.0
 MAX_WAITING_COUNT = 8
@@ -81,7 +81,8 @@ class WhatIfs:
 
         Raises SettingError for a setting that does not exist, NotFoundError, or ConflictError where too many wait.
         """
-        _refuse_unknown(changes)
+        for key in changes:
+            spec_of(key)
         walk = self._walks.named(walk_id)
         run = WhatIfRun(
             _key(walk, changes, last_s), walk_id, dict(changes), last_s, not_replayed(changes), walk.parts
@@ -186,13 +187,6 @@ class WhatIfs:
             run = self._runs.get(run_id)
             if run is not None and run.state == "running":
                 self._runs[run_id] = replace(run, **found)  # type: ignore[arg-type]  # fields by their names
-
-
-def _refuse_unknown(changes: Mapping[str, SettingValue]) -> None:
-    known = {spec.key for spec in setting_specs()}
-    for key in changes:
-        if key not in known:
-            raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.", keys=(key,))
 
 
 def _key(walk: PastWalk, changes: Mapping[str, SettingValue], last_s: float | None) -> str:

@@ -293,12 +293,9 @@ class Settings(BaseModel):
 
     def changed(self, changes: Mapping[str, SettingValue]) -> Settings:
         """Return new settings with ``group.name`` values changed. Raises SettingError, naming the range."""
-        known = {spec.key: spec for spec in setting_specs()}
         groups: dict[str, dict[str, SettingValue]] = {}
         for key, value in changes.items():
-            if key not in known:
-                raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
-            spec = known[key]
+            spec = spec_of(key)
             if (isinstance(value, bool) and spec.kind != "bool") or not _is_plain(value):
                 raise SettingError(f"{key} cannot be {value!r}: {spec.range_text()}.", keys=(key,))
             groups.setdefault(spec.group, {})[spec.name] = value
@@ -310,7 +307,7 @@ class Settings(BaseModel):
         except ValidationError as error:
             key = ".".join(str(part) for part in error.errors()[0]["loc"][:2])
             given = changes.get(key, error.errors()[0]["input"])
-            raise SettingError(f"{key} cannot be {given!r}: {known[key].range_text()}.", keys=(key,)) from error
+            raise SettingError(f"{key} cannot be {given!r}: {spec_of(key).range_text()}.", keys=(key,)) from error
         for order in ORDERS:
             order.check(changed)
         return changed
@@ -458,6 +455,14 @@ def setting_specs() -> tuple[SettingSpec, ...]:
     return _SPECS
 
 
+def spec_of(key: str) -> SettingSpec:
+    """Return the setting ``group.name``. Raises SettingError where there is none."""
+    found = _SPECS_BY_KEY.get(key)
+    if found is None:
+        raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.", keys=(key,))
+    return found
+
+
 def _specs() -> Iterator[SettingSpec]:
     for group, group_field in Settings.model_fields.items():
         group_type = group_field.annotation
@@ -477,17 +482,15 @@ def _specs() -> Iterator[SettingSpec]:
 
 
 _SPECS = tuple(_specs())
+_SPECS_BY_KEY = {spec.key: spec for spec in _SPECS}
 
 
 def parse_assignment(text: str) -> tuple[str, SettingValue]:
     """Read ``group.name=value`` as the command line gives it. Raises SettingError."""
     key, equals, value_text = text.partition("=")
-    known = {spec.key: spec for spec in setting_specs()}
     if not equals:
         raise SettingError(f"{text!r} is not of the form group.name=value.")
-    if key not in known:
-        raise SettingError(f"There is no setting {key!r}: `vbr settings` lists them all.")
-    spec = known[key]
+    spec = spec_of(key)
     if spec.kind == "choice":
         return key, value_text
     try:

@@ -13,6 +13,7 @@ from browser import become_admin, chromium, until
 from console_room import DialledDevice, hello_of, serving
 from playwright.sync_api import Page
 from recorded_walk import STORED_WALK
+from test_browser_pages_accessible import in_both_themes
 from test_past_walks import take
 
 from console.server import ConsoleServer
@@ -115,16 +116,19 @@ def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_si
         page.get_by_role("button", name="Next difference").focus()
         page.keyboard.press("Enter")
         assert "Then:" in page.locator(".instant").inner_text()
+        assert in_both_themes(page, "a draft and what it would have changed") == []
         # Applied: asked first, tried out, effective on the device, kept.
         page.locator("#draft-apply").click()
         dialog = page.get_by_role("dialog")
         assert "People’s safety hangs on this." in dialog.inner_text()
+        assert in_both_themes(page, "asked before it is applied") == []
         dialog.get_by_label("Why? (kept in the log)").fill("Glass doors")
         dialog.get_by_role("button", name="Try it out").click()
         page.get_by_role("button", name="Keep it").wait_for()
         until(page, lambda: glasses.state.settings.gate.clearance_m == 1.5, "the device runs it")
         assert glasses.state.trial is not None
         assert "s left" in page.locator("#trial-left").inner_text()
+        assert in_both_themes(page, "being tried out") == []
         page.get_by_role("button", name="Keep it").click()
         until(page, lambda: glasses.state.trial is None, "it is kept")
         page.locator("#trial").wait_for(state="hidden")

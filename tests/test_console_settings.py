@@ -131,6 +131,18 @@ def test_a_trial_that_ended_while_nobody_looked_is_known_at_the_next_joining(
         assert revisions(admin)[0]["state"] == "reverted"
 
 
+def test_an_order_that_was_lost_is_told_and_a_trial_is_never_asked_for_again(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    change(admin, {DELTA: 1.5}, confirmed=True).raise_for_status()
+    assert revisions(admin)[0]["state"] == "sent"
+    device.socket.close()
+    until(server.services.hub, lambda d: not d.connected)
+    assert revisions(admin)[0]["state"] == "unanswered"
+    assert server.services.settings.wanted_revision("glasses") is None
+    assert change(admin, {"cues.announce_m": 8.0}).status_code == 409, "the device is away"
+
+
 def test_what_safety_hangs_on_is_locked_while_somebody_is_led_unless_it_is_said_why(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:

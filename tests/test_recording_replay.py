@@ -82,7 +82,7 @@ def test_other_settings_come_to_something_else_and_it_is_said_where(walk: tuple[
     assert different
     assert {name for each in different for name in each.differs_in} <= {"guidance", "cues"}
     with pytest.raises(InputError, match="a recording with pictures"):
-        list(replay([RecordedPart(walk[0])], changes={"obstacle.person_width_m": 0.8}))
+        list(replay([RecordedPart(walk[0])], changes={"obstacle.low_height_m": 0.2}))
 
 
 class BrokenSpeaker:

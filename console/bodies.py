@@ -44,8 +44,8 @@ class FirstBody(_Body):
 
 
 class ViewBody(_Body):
-    """What the page asks of the scene inside it: a place, or a point of the floor, to fly to, a device to show, or where
-    the camera is to go.
+    """What the page asks of the scene inside it: a place or a point of the floor to fly to, a device to show, or
+    where the camera is to go.
 
     ``kind`` and ``id`` name what is selected at the point.
     """

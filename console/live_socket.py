@@ -1,8 +1,8 @@
 """``/live``: what happens, streamed to the pages at no more than 10 Hz, and at least once a second.
 
 Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind. A page
-that shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is for
-many at once.
+that shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is
+for many at once.
 """
 
 from __future__ import annotations

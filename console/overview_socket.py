@@ -50,7 +50,7 @@ async def _stream(socket: WebSocket, services: Services) -> None:
 
 
 def messages(told: Mapping[str, Row], rows: Mapping[str, Row]) -> Iterator[dict[str, Any]]:
-    """Yield what tells the differences; at least one, for a page that hears nothing cannot know that nothing changes."""
+    """Yield what tells the differences, at least one: a page that hears nothing cannot know that nothing changes."""
     changed, gone = differences(told, rows)
     items = iter(changed.items())
     yield {"rows": dict(islice(items, ROWS_AT_ONCE_COUNT)), "gone": gone, "count": len(rows)}

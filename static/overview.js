@@ -6,7 +6,6 @@ import { doubt, freshnessOf, listen, showBadge } from "./live.js";
 import { ready, start } from "./shell.js";
 import { decision } from "./walker.js";
 
-const QUALITY = { localized: "", uncertain: "position uncertain", lost: "position lost" };
 await start();
 const rows = new Map();
 const cards = new Map();
@@ -98,7 +97,7 @@ class Card {
     const { sign, words } = state ? decision(state, state.destination) : { sign: "lost", words: "Has sent nothing yet" };
     this.drawSign(sign);
     setText(this.action, words);
-    setText(this.why, [why, state && QUALITY[state.quality]].filter(Boolean).join("; ") || state?.mode_sentence || "");
+    setText(this.why, why || state?.mode_sentence || "");
     this.drawFacts(state ? facts(row, state) : []);
   }
 }
@@ -107,7 +106,7 @@ function facts(row, state) {
   return [
     ["Place", state.place || "not known"],
     ["To", state.destination ?? "nowhere"],
-    ["Left", metres(state.remaining_m)],
+    ["Left", metres(state.remaining_m, 0)],
     ["Battery", state.battery_percent === null ? "not told" : `${state.battery_percent} %`],
     ["Link", row.link_delay_s === null ? "–" : `${Math.max(1, Math.round(row.link_delay_s * 1000))} ms`],
   ];

@@ -6,6 +6,8 @@
 const JUMP_S = 0.5;
 const WINDOW = 12;
 const DRIFT_S_PER_S = 2e-4;
+/** A browser rounds its clock, so as to tell no secrets. */
+const RESOLUTION_S = 2e-3;
 
 /** A clock that only goes forward, and goes on while the computer sleeps (performance.now() may stand still then). */
 export class PageClock {
@@ -45,15 +47,21 @@ export class ConsoleClock {
     const trip_s = page_received_s - page_sent_s - (console_sent_s - console_received_s);
     if (trip_s < 0) return;
     const offset_s = (console_received_s - page_sent_s + (console_sent_s - page_received_s)) / 2;
-    this.samples = [...this.samples, { offset_s, half_s: trip_s / 2, at_s: page_received_s }].slice(-WINDOW);
+    const sample = { offset_s, half_s: trip_s / 2, at_s: page_received_s };
+    const excludes = (earlier) => Math.abs(earlier.offset_s - offset_s) > doubt(earlier, page_received_s) + sample.half_s + RESOLUTION_S;
+    // Answers that exclude each other prove that a clock has jumped: the earlier ones are forgotten.
+    if (this.samples.some(excludes)) this.samples = [];
+    this.samples = [...this.samples, sample].slice(-WINDOW);
   }
 
   /** The console's time and how far it may be wrong; null while it has not been asked since the last sleep. */
   now() {
     const page_s = this.clock.now_s();
     if (this.clock.jumps !== this.jumps) this.forget();
-    const doubt = ({ half_s, at_s }) => half_s + DRIFT_S_PER_S * (page_s - at_s);
-    const best = this.samples.reduce((least, sample) => (least && doubt(least) <= doubt(sample) ? least : sample), null);
-    return best && { now_s: page_s + best.offset_s, uncertainty_s: doubt(best) };
+    const best = this.samples.reduce((least, sample) => (least && doubt(least, page_s) <= doubt(sample, page_s) ? least : sample), null);
+    return best && { now_s: page_s + best.offset_s, uncertainty_s: doubt(best, page_s) };
   }
 }
+
+/** How far an answer may be wrong by now. */
+const doubt = ({ half_s, at_s }, now_s) => half_s + DRIFT_S_PER_S * Math.max(0, now_s - at_s);

@@ -7,10 +7,11 @@ const WIDTH = 240;
 const HEIGHT = 56;
 const SVG = "http://www.w3.org/2000/svg";
 const DRAW_EVERY_MS = 450;
+const OLD_S = 5;
 const PLOTS = [
   { key: "deviation_m", title: "Off the route", unit: "m", digits: 2, least: 0.5, limit: "off_road_m", limitWords: "off the road" },
   { key: "latency_ms", title: "Capture to screen", unit: "ms", digits: 0, least: 250 },
-  { key: "inliers", title: "Landmarks that agree", unit: "", digits: 0, least: 50, most: Math.min },
+  { key: "inliers", title: "Landmarks", unit: "", digits: 0, least: 50, most: Math.min },
   { key: "speed_m_s", title: "Speed", unit: "m/s", digits: 1, least: 1 },
 ];
 
@@ -61,7 +62,7 @@ class Plot {
     const y = (value) => (HEIGHT - 1 - (value / top) * (HEIGHT - 2)).toFixed(1);
     const x = (before_s) => (WIDTH * (1 - before_s / SPAN_S)).toFixed(1);
     const words = (value) => `${decimals(value, digits)} ${unit}`.trim();
-    const last = samples.at(-1)?.[key] ?? null;
+    const last = lastKnown(samples, key, now_s);
     this.draw({
       // A point by itself is a dot: a line of no length with round ends.
       d: shown.map((line) => `M${line.map(([before_s, value]) => `${x(before_s)} ${y(value)}`).join("L")}${line.length === 1 ? "h0.01" : ""}`).join(""),
@@ -71,6 +72,12 @@ class Plot {
       words: values.length ? `Two minutes: from ${words(Math.min(...values))} to ${words(Math.max(...values))}.` : "Nothing seen for two minutes.",
     });
   }
+}
+
+/** What is known of the present: the newest value, unless that is old. */
+function lastKnown(samples, key, now_s) {
+  const last = samples.findLast(({ [key]: value }) => value !== undefined);
+  return last && now_s - last.at_s < OLD_S ? last[key] : null;
 }
 
 function part(name, attributes) {

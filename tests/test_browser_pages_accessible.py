@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from axe_playwright_python.sync_playwright import Axe
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import serving
 from playwright.sync_api import Browser, Page, expect
@@ -18,13 +18,12 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.site import Site, save_site
 
 pytestmark = pytest.mark.browser
-TAGS = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa"]
 FOCUS_IS_IN_TOUR = """
 () => document.activeElement === document.body || document.querySelector('dialog.tour').contains(document.activeElement)
 """
 PAGES = (
-    "/", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks",
-    "/walks", "/settings", "/admin",
+    "/", "/overview", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange",
+    "/map-walks", "/walks", "/settings", "/admin",
 )  # fmt: skip
 
 
@@ -47,23 +46,6 @@ def opened(page: Page, path: str) -> None:
     page.goto("about:blank")
     page.goto(path)
     expect(page.locator("body:not([inert])")).to_be_attached(timeout=60_000)
-
-
-def faults(page: Page) -> list[str]:
-    # What lies in the frame is viser's own page.
-    options = {"runOnly": {"type": "tag", "values": TAGS}, "resultTypes": ["violations"], "iframes": False}
-    found = Axe().run(page, context={"exclude": [["iframe"]]}, options=options).response["violations"]
-    return [
-        f"{fault['id']}: {node['html'][:160]} {node['failureSummary']}" for fault in found for node in fault["nodes"]
-    ]
-
-
-def in_both_themes(page: Page, what: str) -> list[str]:
-    found = []
-    for theme in ("light", "dark"):
-        page.emulate_media(color_scheme=theme, reduced_motion="reduce")
-        found += [f"{what}, {theme}: {fault}" for fault in faults(page)]
-    return found
 
 
 @pytest.mark.slow

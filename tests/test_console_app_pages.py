@@ -3,31 +3,17 @@
 from __future__ import annotations
 
 import re
-import threading
 from collections.abc import Iterator
 
 import pytest
 from browser import become_admin, chromium, until, without_tour
-from console_room import DEFAULTS, PASSWORD, DialledDevice, first_admin, hello_of, invited
+from console_room import DEFAULTS, PASSWORD, first_admin, invited
 from playwright.sync_api import Browser, Page, Route, TimeoutError, expect
-from websockets.exceptions import ConnectionClosed
+from walking_device import WalkingDevice
 
 from console.edits import UpdatePoi
 from console.server import ConsoleServer
 from navcore.modes import Mode
-from navcore.wire import (
-    ApplySettings,
-    ConsoleMessage,
-    Event,
-    Ping,
-    Pong,
-    Repeat,
-    RouteChanged,
-    SetDestination,
-    SettingsRunning,
-    WalkerState,
-    decode_from_console,
-)
 
 pytestmark = pytest.mark.browser
 expect.set_options(timeout=60_000)
@@ -41,55 +27,8 @@ NAMELESS = """
 
 
 PAGES = (
-    "/", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings", "/admin",
+    "/", "/overview", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings", "/admin",
 )  # fmt: skip
-_REASONS = {
-    Mode.PAUSED: "paused", Mode.LOST: "pose_lost", Mode.ARRIVED: "arrived", Mode.FAULT: "sensor_stale",
-}  # fmt: skip
-
-
-class WalkingDevice:
-    """A device on a real link that does what it is told."""
-
-    def __init__(self, server: ConsoleServer) -> None:
-        token = server.services.devices.create_token("Glasses of Ada", "test")
-        self.link = DialledDevice(server.ready.url, token, hello_of(server))
-        self.now_s = server.services.hub.now_s
-        self.link.send(SettingsRunning(0, dict(DEFAULTS)))
-        self.send_state()
-        self._thread = threading.Thread(target=self._answer_all, daemon=True)
-        self._thread.start()
-
-    def send_state(self, destination_id: str | None = None, mode: Mode | None = None) -> None:
-        """Tell where the walker is."""
-        mode = mode or (Mode.READY if destination_id is None else Mode.GUIDING)
-        action, reason = ("walk", "ok") if mode is Mode.GUIDING else ("stop", _REASONS.get(mode, "no_route"))
-        state = WalkerState(self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id)
-        self.link.send(state)
-
-    def vanish(self) -> None:
-        """Break the link."""
-        self.link.socket.close()
-        self._thread.join()
-
-    def _answer_all(self) -> None:
-        try:
-            for data in self.link.socket:
-                self._answer(decode_from_console(bytes(data)))  # type: ignore[arg-type]
-        except ConnectionClosed:
-            return
-
-    def _answer(self, message: ConsoleMessage) -> None:
-        match message:
-            case Ping(console_sent_s):
-                self.link.send(Pong(console_sent_s, self.now_s(), self.now_s()))
-            case ApplySettings(revision, values):
-                self.link.send(SettingsRunning(revision, values))
-            case SetDestination(poi_id):
-                self.link.send(RouteChanged(self.now_s(), ((0.0, 0.0), (6.0, 0.0)), (("Bar", 6.0),), poi_id))
-                self.send_state(poi_id)
-            case Repeat():
-                self.link.send(Event(1, self.now_s(), "cue", "Move forward."))
 
 
 @pytest.fixture(scope="module")
@@ -207,7 +146,7 @@ def test_a_walk_is_started_and_seen_and_a_lost_device_never_looks_live(page: Pag
     expect(page.locator("#now-action")).to_have_text("Walking to Bar")
     expect(page.locator("#commands")).to_contain_text("accepted")
     device.vanish()
-    expect(page.locator("#freshness")).to_have_text("LOST")
+    expect(page.locator("#freshness")).to_contain_text("LOST")
     expect(page.locator("#dated")).to_contain_text("not connected")
     expect(page.get_by_role("button", name="Guide to Bar")).to_be_disabled()
 

@@ -6,7 +6,10 @@ import dataclasses
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
+import cv2
+import msgspec
 import numpy as np
 import pytest
 from viewer_client import FakeBrowser
@@ -15,9 +18,13 @@ from viewer_fixtures import connect_device, scene_over, services_of_crossing
 from console.live import LiveDevice
 from console.roles import Role
 from console.services import Services
-from console.view_requests import FlyToPoi
+from console.view_requests import FlyToPoi, MoveCamera
+from console.viewer import appearance as look
+from console.viewer.live_layer import trail_colours
 from console.viewer.live_view import LiveView, Trail
+from console.viewer.scan_points import UNKNOWN_AT_M, scan_points
 from console.viewer.scene import Scene, decoded
+from console.viewer.view_panel import CameraMode
 from console.viewer.walker_panel import status
 from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
@@ -25,6 +32,7 @@ from navcore.settings import Settings
 from navcore.wire import (
     ApplySettings,
     ClearDestination,
+    DepthImage,
     Hello,
     Pause,
     Repeat,
@@ -120,6 +128,72 @@ def test_what_is_old_is_grey_and_dated_and_ever_less_certain(
     assert node(browser, "/walker/sonar").visible is details_shown
     assert old.uncertainty_m >= fresh.uncertainty_m
     assert (old.uncertainty_m > 5.0) is (not details_shown)
+
+
+JPEG = cv2.imencode(".jpg", np.full((12, 16), 90, np.uint8))[1].tobytes()
+SCAN = SimpleNamespace(
+    first_rad=-0.2, step_rad=0.1, states=(0, 1, 3, 2, 4), nearest_cm=(0, 150, 0, 200, 120), unseen=((90, 100),)
+)
+
+
+def test_nothing_that_was_seen_or_decided_is_drawn_once_it_is_stale(browser: FakeBrowser, device: LiveDevice) -> None:
+    seen = dataclasses.replace(device, depth_image=DepthImage(100.0, JPEG))
+    parts = ("/walker/fan", "/walker/sonar", "/walker/camera", "/walker/chosen", "/live/off", "/live/sub_goal")
+    silhouette = decoded(JPEG)
+
+    def drawn(now_s: float) -> tuple[set[str], bool, tuple[int, ...], set[tuple[int, ...]]]:
+        draw(browser, dataclasses.replace(view_of(seen, now_s), silhouette_rgb=silhouette))
+        route, trail = (np.asarray(node(browser, f"/live/{name}").colors) for name in ("route", "trail"))
+        visible = {name for name in parts if node(browser, name).visible}
+        has_silhouette = node(browser, "/walker/camera").image is not None
+        return visible, has_silhouette, tuple(route.reshape(-1)), {tuple(c) for c in trail.reshape(-1, 3).tolist()}
+
+    assert drawn(100.2) == (set(parts), True, look.ROUTE, {look.TRAIL})
+    assert drawn(106.0) == (set(), False, look.WALKER_STALE, {look.WALKER_STALE})
+    # The state goes on, and the depth image, which comes more rarely, does not.
+    seen = dataclasses.replace(seen, state=state_at(107.0))
+    visible, has_silhouette, _, _ = drawn(107.1)
+    assert (visible, has_silhouette) == (set(parts), False)
+
+
+def test_the_trail_is_the_stronger_the_farther_it_led_off_the_route(device: LiveDevice) -> None:
+    trail = Trail()
+    for x_m, off_m in ((0.0, 0.0), (0.5, 0.5), (1.0, 2.0), (1.5, None)):
+        trail.add(msgspec.structs.replace(state_at(100.0, x_m, 0.0), deviation_m=off_m))
+    colours = trail_colours(LiveView(device, 100.1, None, trail.points_m, trail.deviations_m))
+    ends = [*colours[:, 0].tolist(), colours[-1, 1].tolist()]
+    assert ends[0] == ends[3] == list(look.TRAIL), "on the route, and where there is no route"
+    assert ends[2] == list(look.SONAR_NEAR)
+    assert ends[1] not in (ends[0], ends[2])
+
+
+def test_a_scan_shows_what_stands_there_and_what_is_unknown_and_leaves_out_only_what_is_free() -> None:
+    points, colours = scan_points(SCAN)
+    assert np.hypot(points[:, 0], points[:, 1]) == pytest.approx([1.5, UNKNOWN_AT_M, 2.0, 1.2, 1.0])
+    assert np.arctan2(points[:, 1], points[:, 0]) == pytest.approx([-0.1, 0.0, 0.1, 0.2, math.pi / 2])
+    assert len({tuple(colour) for colour in colours.tolist()}) == 5, "each of them looks different"
+
+
+def test_other_walkers_stand_there_with_their_names_and_dated_where_they_are_old(
+    browser: FakeBrowser, device: LiveDevice
+) -> None:
+    other = dataclasses.replace(device, device_id="b", name="Glasses of Ben", state=state_at(100.0, 7.0, 1.0))
+    for age_s, words in (
+        (0.1, "Glasses of Ben"), (7.0, "Glasses of Ben, STALE, seen 7.0 s ago"),
+        (60.0, "Glasses of Ben, LOST, seen 60 s ago"), (601.0, None),
+    ):  # fmt: skip
+        draw(browser, dataclasses.replace(view_of(device, 100.0 + age_s), others=(other,)))
+        root = node(browser, "/others/0")
+        assert root.visible is (words is not None)
+        if words is not None:
+            assert tuple(root.position) == pytest.approx((7.0, 1.0, 0.0))
+            assert node(browser, "/others/0/name").text == words
+
+
+def test_the_scene_tells_its_own_time_to_the_page_around_it(browser: FakeBrowser) -> None:
+    for now_s in (100.3, 107.9):
+        draw(browser, LiveView(None, now_s))
+        assert 0.0 <= now_s - node(browser, "/live/beat").position[0] < 0.5 + 1e-9
 
 
 def test_a_device_that_is_gone_is_never_shown_as_live(browser: FakeBrowser, device: LiveDevice) -> None:
@@ -288,6 +362,10 @@ def test_the_page_around_can_fly_the_scene_of_its_own_session_to_a_place(
     finally:
         other.disconnect()
     assert services.views.ask(other.person.session_id, FlyToPoi("lift")) == 0, "a closed window hears nothing"
+    for to, mode in (("walker", CameraMode.FOLLOW), ("overview", CameraMode.FREE)):
+        services.views.ask(browser.person.session_id, MoveCamera(to))  # type: ignore[arg-type]
+        browser.tick()
+        assert browser.view.view_panel.mode is mode
 
 
 def test_following_moves_the_camera_along_with_the_walker(browser: FakeBrowser, device: LiveDevice) -> None:

@@ -251,7 +251,7 @@ class _Extras:
 
 
 def trail_colours(view: LiveView) -> NDArray[np.uint8]:
-    """Return a colour for both ends of each piece of the trail (n − 1, 2, 3): the farther off the route, the stronger."""
+    """Return colours for the ends of the trail's pieces (n − 1, 2, 3): the farther off the route, the stronger."""
     if not view.is_believed or view.trail_deviations_m is None:
         colour = look.TRAIL if view.is_believed else look.WALKER_STALE
         return np.full((len(view.trail_m) - 1, 2, 3), colour, dtype=np.uint8)

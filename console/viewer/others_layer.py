@@ -13,6 +13,7 @@ from console.viewer import meshes
 
 MAX_OTHERS_COUNT = 30
 """More walkers than this are on the page Overview alone."""
+LAST_SEEN_SHOWN_S = 600.0
 _SCALE = 0.55
 _NAME_Z_M = 1.1
 
@@ -32,13 +33,13 @@ class OthersLayer:
         self._pool: list[_Other] = []
 
     def show(self, devices: Sequence[LiveDevice], now_s: float) -> None:
-        """Draw these devices' walkers, grey and dated where they are old; one that is lost is not anywhere any more."""
+        """Draw these devices' walkers, grey and dated where they are old: where somebody was last is where to look."""
         shown = [
-            (device, device.state.pose, freshness)
+            (device, device.state.pose, device.freshness(now_s))
             for device in devices
             if device.state is not None
             and device.state.pose is not None
-            and (freshness := device.freshness(now_s)) is not Freshness.LOST
+            and device.age_of(device.state.stamp_s, now_s) < LAST_SEEN_SHOWN_S
         ][:MAX_OTHERS_COUNT]
         while len(self._pool) < len(shown):
             self._pool.append(self._made(len(self._pool)))

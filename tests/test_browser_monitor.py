@@ -1,0 +1,249 @@
+"""The pages Console and Overview in a real Chromium: nothing old looks live, orders are answered, a phone will do."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import pytest
+from accessibility import in_both_themes
+from browser import become_admin, chromium, until
+from playwright.sync_api import Browser, Page, WebSocketRoute, expect
+from walking_device import WalkingDevice
+
+from console.live import CommandKind
+from console.server import ConsoleServer
+from navcore.modes import Mode
+from navcore.wire import WalkerState
+
+pytestmark = pytest.mark.browser
+expect.set_options(timeout=60_000)
+TARGET_PX = 44
+SMALL_TARGETS = """
+(least) => [...document.querySelectorAll('.panel button, .panel select, .panel input, .scene-bar button, .top .menu')]
+  .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < least).map((e) => e.outerHTML.slice(0, 90))
+"""
+OVERFLOW_PX = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+GAPS = """
+async () => {
+  const { History, lines } = await import('/static/history.js');
+  const history = new History();
+  for (let s = 0; s < 300; s += 0.1) if (s < 250 || s > 270) history.add('a', s, { v: s > 260 && s < 285 ? null : s });
+  const found = lines(history.samples, 'v', 300);
+  const other = history.add('b', 1, { v: 1 });
+  return [found.map((line) => [line[0][0], line.at(-1)[0]]), history.samples.length, other.at_s];
+}
+"""
+CLOCKS = """
+async () => {
+  const { PageClock, ConsoleClock } = await import('/static/page_clock.js');
+  let steady = 0, wall = 0;  // milliseconds
+  const page = new PageClock(() => steady, () => wall);
+  const console = new ConsoleClock(page);
+  const answered = (trip_ms, ahead_s) => {
+    const sent = page.now_s();
+    steady += trip_ms; wall += trip_ms;
+    console.add(sent, sent + trip_ms / 2000 + ahead_s, sent + trip_ms / 2000 + ahead_s, page.now_s());
+  };
+  const unknown = console.now();
+  answered(400, 1000.05); answered(20, 1000); answered(300, 999.9);
+  const best = console.now(), ahead = best.now_s - page.now_s();
+  wall += 60_000; // the computer slept: its steady clock stood still
+  const woken = [page.now_s() - steady / 1000, console.now()];
+  answered(20, 1000); answered(20, 1300); // another console answers
+  const jumped = console.now().now_s - page.now_s();
+  return { unknown, best: [ahead, best.uncertainty_s], woken, jumped };
+}
+"""
+NEED = """
+async () => {
+  const { attention, byNeed } = await import('/static/attention.js');
+  const row = (mode, action = 'walk', quality = 'localized', connected = true) => (
+    { connected, state: { mode, action, quality, reason: 'why' } });
+  const all = {
+    walks: [row('guiding'), 'live'], ready: [row('ready'), 'live'], silent: [row('guiding'), 'stale'],
+    stands: [row('guiding', 'stop'), 'live'], lost: [row('lost', 'stop', 'lost'), 'live'],
+    fault: [row('fault', 'stop'), 'live'], unsure: [row('guiding', 'walk', 'uncertain'), 'live'],
+    pauses: [row('paused', 'stop'), 'live'], gone: [row('guiding', 'walk', 'localized', false), 'lost'],
+    away: [row('off_duty', 'stop', 'localized', false), 'lost'],
+  };
+  const rank = ([one, fresh]) => attention(one, fresh)[0];
+  const listed = Object.entries(all).map(([name, seen]) => ({ id: name, name, rank: rank(seen) }));
+  return listed.sort(byNeed).map(({ name }) => name);
+}
+"""
+
+
+@dataclass
+class Skewed:
+    """The console's clock, which the test puts forward: what was seen is then so much older."""
+
+    ahead_s: float = 0.0
+
+    def __call__(self) -> float:
+        return time.monotonic() + self.ahead_s
+
+
+@dataclass
+class Stream:
+    """The way from the console to the page, which can be stopped without being closed."""
+
+    is_frozen: bool = False
+    routes: list[WebSocketRoute] = field(default_factory=list)
+
+    def route(self, page: WebSocketRoute) -> None:
+        """Pass on what comes, until it is frozen."""
+        console = page.connect_to_server()
+        self.routes.append(console)
+        console.on_message(lambda message: None if self.is_frozen else page.send(message))
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as running:
+        yield running
+
+
+@pytest.fixture
+def clock(server: ConsoleServer) -> Skewed:
+    skewed = Skewed()
+    server.services.hub.now_s = skewed
+    return skewed
+
+
+@pytest.fixture
+def stream() -> Stream:
+    return Stream()
+
+
+@pytest.fixture
+def page(browser: Browser, server: ConsoleServer, clock: Skewed, stream: Stream) -> Iterator[Page]:
+    context = browser.new_context(base_url=server.ready.url, viewport={"width": 1100, "height": 800})
+    opened = context.new_page()
+    opened.set_default_timeout(60_000)
+    failures: list[str] = []
+    opened.on("pageerror", lambda error: failures.append(str(error)))
+    opened.clock.install()
+    opened.route_web_socket("**/live?*", stream.route)
+    assert server.ready.first_link is not None
+    become_admin(opened, server.ready.first_link)
+    yield opened
+    context.close()
+    assert failures == []
+
+
+def test_the_console_from_live_to_lost_and_back_and_what_is_asked_of_the_walker(
+    page: Page, server: ConsoleServer, clock: Skewed, stream: Stream
+) -> None:
+    device = WalkingDevice(server)
+    be_live(page, device)
+    _orders_go_once_are_confirmed_and_answered(page, server)
+    _ages_are_those_of_the_capture(page, device, clock)
+    _a_silent_console_makes_nothing_look_live(page, device, stream)
+    _a_phone_will_do(page)
+    assert in_both_themes(page, "the Console with a walker") == []
+    device.vanish()
+
+
+def be_live(page: Page, device: WalkingDevice) -> None:
+    freshness = page.locator("#freshness")
+    until(page, lambda: device.send_state("b") or freshness.text_content() == "LIVE", "a live device")
+    assert float(page.locator("#panel").get_attribute("data-capture-to-screen-ms") or "0") >= 0.0
+
+
+def asked(server: ConsoleServer, kind: CommandKind) -> int:
+    return sum(command.kind == kind for command in server.services.hub.device("glasses").commands)
+
+
+def _orders_go_once_are_confirmed_and_answered(page: Page, server: ConsoleServer) -> None:
+    commands = page.locator("#commands")
+    page.get_by_role("button", name="Repeat").dblclick()
+    expect(commands.locator("li", has_text="Repeat after")).to_contain_text("accepted")
+    page.get_by_role("button", name="Say “Please wait, I am coming.”").click()
+    expect(commands.locator("li", has_text="coming")).to_contain_text("accepted")
+    assert (asked(server, "repeat"), asked(server, "say")) == (1, 1)
+    for answer, count in (("Go on guiding", 0), ("Stop guiding", 1)):
+        page.locator("#clear").click()
+        dialog = page.get_by_role("dialog", name="Stop guiding?")
+        dialog.get_by_role("button", name=answer).click()
+        expect(dialog).to_have_count(0)
+        until(page, lambda count=count: asked(server, "clear") == count, f"{count} orders to stop")  # type: ignore[misc]
+    expect(commands.locator("li", has_text="Stop guiding after")).to_contain_text("accepted")
+
+
+def _ages_are_those_of_the_capture(page: Page, device: WalkingDevice, clock: Skewed) -> None:
+    be_live(page, device)
+    pieces = lambda: (page.locator("[data-plot=inliers] .plot-line").get_attribute("d") or "").count("M")  # noqa: E731
+    seen_count = until(page, pieces, "a plot")
+    freshness, dated, note = (page.locator(f"#{name}") for name in ("freshness", "dated", "act-note"))
+    for ahead_s, word in ((2.0, "DELAYED"), (7.0, "STALE"), (20.0, "LOST")):
+        clock.ahead_s = ahead_s
+        expect(freshness).to_contain_text(f"{word}, ")
+        assert dated.is_visible() is (word != "DELAYED"), "what is stale is dated"
+        assert note.is_visible() is (word != "DELAYED"), "and nothing is asked of it without a word"
+        is_grey = "grayscale" in page.locator("#now-action").evaluate("e => getComputedStyle(e).filter")
+        assert is_grey is (word != "DELAYED")
+    expect(note).to_contain_text("may reach the walker late, or not at all")
+    expect(page.locator("#repeat")).to_be_enabled()
+    be_live(page, device)
+    until(page, lambda: pieces() > seen_count, "a gap in the plot, where nothing was seen")
+
+
+def _a_silent_console_makes_nothing_look_live(page: Page, device: WalkingDevice, stream: Stream) -> None:
+    stream.is_frozen = True
+    for forward_s, word in ((2, "DELAYED"), (5, "STALE"), (12, "LOST")):
+        page.clock.fast_forward(1000 * forward_s)
+        expect(page.locator("#freshness")).to_contain_text(f"{word}, ")
+    expect(page.get_by_role("alert")).to_contain_text("No connection to the console")
+    expect(page.locator("#repeat")).to_be_disabled()
+    expect(page.locator("#act-note")).to_contain_text("The console does not answer")
+    stream.is_frozen = False
+    be_live(page, device)
+    expect(page.locator("#act-note")).to_be_hidden()
+
+
+def _a_phone_will_do(page: Page) -> None:
+    for width, height in ((390, 844), (844, 390)):
+        page.set_viewport_size({"width": width, "height": height})
+        assert page.evaluate(OVERFLOW_PX) <= 0, f"wider than {width} px"
+        assert page.evaluate(SMALL_TARGETS, TARGET_PX) == []
+        for name in ("pause", "clear", "repeat"):
+            box = page.locator(f"#{name}").bounding_box()
+            assert box is not None
+            assert box["y"] + box["height"] <= height, f"{name} is out of a thumb's reach"
+
+
+def test_the_overview_shows_who_needs_somebody_and_leads_to_them(page: Page, server: ConsoleServer) -> None:
+    device = WalkingDevice(server)
+    device.link.send(
+        WalkerState(
+            device.now_s(), "localized", "stop", "no_way", pose=(3.0, 0.0, 1.6, 0.0), remaining_m=3.0,
+            mode=Mode.GUIDING, destination_id="b",
+        )
+    )  # fmt: skip
+    page.goto("/overview")
+    card = page.locator(".walker")
+    expect(card).to_contain_text("Glasses of Ada")
+    expect(card).to_contain_text("between Hall and Bar")
+    expect(card).to_have_attribute("data-need", "warn")
+    assert page.evaluate(NEED) == [
+        "fault", "gone", "silent", "lost", "stands", "unsure", "pauses", "walks", "ready", "away",
+    ]  # fmt: skip
+    lines, kept_count, _ = page.evaluate(GAPS)
+    ends_s = [end for line in lines for end in line]
+    assert ends_s == pytest.approx([120.0, 50.0, 15.0, 0.1], abs=0.6), "two lines, and nothing between them"
+    assert kept_count == 1, "another device begins anew"
+    clocks: dict[str, Any] = page.evaluate(CLOCKS)
+    assert clocks["unknown"] is None
+    assert clocks["best"] == [pytest.approx(1000.0), pytest.approx(0.01, abs=1e-3)], (
+        "the answer least on the way counts"
+    )
+    assert clocks["woken"] == [pytest.approx(60.0), None], "after a sleep the console's time is not known"
+    assert clocks["jumped"] == pytest.approx(1300.0)
+    assert in_both_themes(page, "the overview with a walker") == []
+    card.get_by_role("link").click()
+    expect(page.locator("#device-name")).to_have_text("Glasses of Ada")
+    assert page.url.endswith("/?device=glasses")
+    device.vanish()

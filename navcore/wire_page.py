@@ -71,7 +71,8 @@ there is a pause as long as the piece took: never more than half of a link is us
 {MAX_RECORDING_BYTES >> 30} GiB, leaves 1 GiB of its disk free, and gives the recording its name in one step when the
 checksum fits; what has come damaged is asked for anew. What has not come whole belongs to whoever offered it last, so a
 device with a new token goes on with it. A recording that is interrupted again and again lets the next go first. The
-recording stays on the device as well.
+recording stays on the device as well. The files of recorded walks go the same way, after the map walks, where the
+walker shares them ([recording.md](recording.md)).
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import functools
 import os
 import shutil
 from collections.abc import Callable, Iterator
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
     from console_room import Person
     from link_processes import ConsoleProcess
     from link_proxy import Network
+    from xdist.remote import Producer
+    from xdist.scheduler import LoadScopeScheduling
 
     from console.server import ConsoleServer
 
@@ -36,13 +39,25 @@ hypothesis.settings.load_profile("repeatable")
 REPOSITORY = Path(__file__).resolve().parent.parent
 
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Keep together what shares something dear: a file's tests; those with a Chromium, of which one draws at a time."""
-    if config.pluginmanager.hasplugin("xdist"):
-        for item in items:
-            together = "browser" if item.get_closest_marker("browser") else item.path.stem
-            item.add_marker(pytest.mark.xdist_group(together))
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> LoadScopeScheduling:
+    """Keep together what shares something dear: a file's tests; those with a Chromium, of which one draws at a time.
+
+    Not by xdist_group: pytest-xdist 3.8 does not hear of it under pytest 9.2.
+    """
+    from xdist.scheduler import LoadScopeScheduling
+
+    class TogetherScheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            file = nodeid.split("::", 1)[0]
+            return "browser" if _drives_browser(config.rootpath / file) else file
+
+    return TogetherScheduling(config, log)
+
+
+@functools.cache
+def _drives_browser(file: Path) -> bool:
+    return "pytest.mark.browser" in file.read_text(encoding="utf-8")
 
 
 def data_folder() -> Path:

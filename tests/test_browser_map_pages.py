@@ -214,6 +214,7 @@ def test_where_something_is_is_said_by_a_place_that_people_know(page: Page, away
         {"name": "K", "kind": "junction", "x_m": 0.0, "y_m": 0.0},
         {"name": "Ward", "kind": "room", "x_m": away_m, "y_m": 0.0},
     ]
+    page.goto("/static/plan.js")
     script = "async (pois) => (await import('/static/plan.js')).whereWords({ data: { pois } }, -0.01, 0)"
     assert page.evaluate(script, places) == words
 

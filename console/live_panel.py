@@ -39,6 +39,8 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
             {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
             for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
         ],
+        "watchers": _watchers_view(device),
+        "sharing": _sharing_view(device, now_s),
         "commands": device.commands[-COMMANDS_SHOWN_COUNT:],
         "settings_revision": device.settings_revision,
         "graph_version": device.graph_version,
@@ -51,6 +53,34 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
             "refusal": device.map_walk_refusal,
             "seen": _map_walk_view(device, now_s),
         },
+    }
+
+
+def unwatched_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
+    """Return what is shown of a device to who does not watch it: that it is there, and nothing of its walker."""
+    view = device_view(device, now_s)
+    return view | {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": [],
+                   "commands": ()}  # fmt: skip
+
+
+def _watchers_view(device: LiveDevice) -> list[dict[str, Any]]:
+    """Who watches, and whether the device has said that the walker has heard so."""
+    told = device.sharing.told if device.sharing is not None else ()
+    return [{"name": name, "told": name in told} for name in device.watchers]
+
+
+def _sharing_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+    sharing, stamp_s = device.sharing, device.colour_stamp_s
+    if sharing is None:
+        return None
+    left_s = device.colour_left_s(now_s)
+    return {
+        "silhouettes": sharing.silhouettes,
+        "walks": sharing.walks,
+        "colour_for": sharing.colour_for if left_s > 0.0 else "",
+        "colour_left_s": left_s,
+        "colour_stamp_s": stamp_s if left_s > 0.0 else None,
+        "colour_age_s": device.age_of(stamp_s, now_s) if stamp_s is not None and left_s > 0.0 else None,
     }
 
 

@@ -1,6 +1,10 @@
 """``/live``: what happens, streamed to the pages at no more than 10 Hz, and at least once a second.
 
 Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind.
+
+A page opens it with ``?says=1``, and says every few seconds which devices it shows while somebody can see it:
+``{"watching": [device_id, …]}``. Of these it is sent everything, and the walkers are told; of the others only that they
+are there. What never says so is sent everything, and counts as watching everything.
 """
 
 from __future__ import annotations
@@ -14,13 +18,22 @@ from fastapi import FastAPI, WebSocket, WebSocketDisconnect
 
 from console.api_versions import presence_view
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S
-from console.live_panel import device_view
+from console.live_panel import device_view, unwatched_view
 from console.requests import signed_in
 from console.services import Services
 from console.sockets import SIGNED_OUT_CODE
+from console.watching import Watching
 
 SHORTEST_S = 0.1
 LONGEST_S = 1.0
+MAX_SAID_LENGTH = 16 << 10
+
+
+class Shown(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a page says."""
+
+    watching: tuple[str, ...]
+    """Ids of the devices that it shows, while somebody can see it."""
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -30,9 +43,11 @@ def add_routes(app: FastAPI, services: Services) -> None:
     async def live(socket: WebSocket) -> None:
         visitor = signed_in(socket)
         await socket.accept()
+        window, watching, said = object(), services.watching, asyncio.Event()
+        watching.opened(window, visitor.user_name, says=socket.query_params.get("says") == "1")
         tasks = [
-            asyncio.create_task(_stream(socket, services, visitor.user_name)),
-            asyncio.create_task(_listen(socket)),
+            asyncio.create_task(_stream(socket, services, visitor.user_name, window, said)),
+            asyncio.create_task(_listen(socket, watching, window, said)),
         ]
         loop = asyncio.get_running_loop()
         signed_out = asyncio.Event()
@@ -42,6 +57,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
             await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
         finally:
             forget()
+            watching.closed(window)
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
@@ -49,8 +65,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
                 await socket.close(SIGNED_OUT_CODE if signed_out.is_set() else 1000)
 
 
-def panel_view(services: Services, who: str) -> dict[str, Any]:
-    """Return everything that the panel shows to ``who`` at this instant."""
+def panel_view(services: Services, who: str, window: object) -> dict[str, Any]:
+    """Return everything that a window shows to ``who`` at this instant."""
     now_s, model = services.hub.now_s(), services.model
     return {
         "draft_version": model.graph.version,
@@ -60,12 +76,14 @@ def panel_view(services: Services, who: str) -> dict[str, Any]:
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
         "limits": {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S},
-        "devices": [device_view(device, now_s) for device in services.hub.devices()],
+        "devices": [
+            (device_view if services.watching.sees(window, device.device_id) else unwatched_view)(device, now_s)
+            for device in services.hub.devices()
+        ],
     }
 
 
-async def _stream(socket: WebSocket, services: Services, who: str) -> None:
-    changed = asyncio.Event()
+async def _stream(socket: WebSocket, services: Services, who: str, window: object, changed: asyncio.Event) -> None:
     loop = asyncio.get_running_loop()
     ends = [
         services.hub.subscribe(lambda _: _set_from_any_thread(loop, changed)),
@@ -75,7 +93,7 @@ async def _stream(socket: WebSocket, services: Services, who: str) -> None:
     try:
         while True:
             changed.clear()
-            await socket.send_text(msgspec.json.encode(panel_view(services, who)).decode())
+            await socket.send_text(msgspec.json.encode(panel_view(services, who, window)).decode())
             await asyncio.sleep(SHORTEST_S)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(changed.wait(), LONGEST_S - SHORTEST_S)
@@ -84,11 +102,22 @@ async def _stream(socket: WebSocket, services: Services, who: str) -> None:
             end()
 
 
-async def _listen(socket: WebSocket) -> None:
-    # Pages say nothing here; reading is how their leaving is noticed.
+async def _listen(socket: WebSocket, watching: Watching, window: object, said: asyncio.Event) -> None:
+    """Hear what a page shows; what is nothing of the kind ends the stream."""
     with contextlib.suppress(WebSocketDisconnect):
-        while (await socket.receive())["type"] != "websocket.disconnect":
-            pass
+        while True:
+            message = await socket.receive()
+            if message["type"] == "websocket.disconnect":
+                return
+            text = message.get("text") or ""
+            if len(text) > MAX_SAID_LENGTH:
+                return
+            try:
+                shown = msgspec.json.decode(text, type=Shown)
+            except (msgspec.MsgspecError, UnicodeEncodeError, RecursionError):
+                return
+            if watching.shows(window, frozenset(shown.watching)):
+                said.set()
 
 
 async def _wait(event: asyncio.Event) -> None:

@@ -19,6 +19,7 @@ PAGES = {
     "/checks": "checks.html",
     "/rehearse": "rehearse.html",
     "/exchange": "exchange.html",
+    "/privacy": "privacy.html",
     "/settings": "settings.html",
     "/map-walks": "map-walks.html",
     "/admin": "admin.html",

@@ -8,7 +8,8 @@
       NAME-SHA256.tar   a recording (NAME-SHA256.mcap: a walk): whole, its checksum fits
 
 A recording gets its last name in one step when its checksum fits, so whoever is killed meanwhile finds it whole, or
-goes on with it. Nothing here is ever deleted but what turned out to be damaged.
+goes on with it. Nothing here is ever deleted but what turned out to be damaged, and walks that are too old
+(:mod:`console.retention`): recordings of map walks stay.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from typing import Any, Literal
 import msgspec
 
 from console.errors import BadRequestError, ConflictError, NoRoomError, NotFoundError, TooLargeError
+from console.retention import UndeletedError
 from navcore.folder_swap import sync_path
 from navcore.recording_upload import MAX_RECORDING_BYTES, RecordingHeld, RecordingOffer
 from navcore.site_files import write_whole
@@ -222,6 +224,36 @@ class Recordings:
         """Keep what became of the map of a recording. Raises NotFoundError, NoRoomError."""
         with self._lock_of(sha256), _told_if_full():
             self._write(msgspec.structs.replace(self.named(sha256).entry, map=built))
+
+    # --------------------------------------------------------------------------------------------------- deleting
+    def delete_before(self, wall_s: float) -> int:
+        """Delete the walks that were offered before a Unix time, also what came of them in part; return how many.
+
+        Raises UndeletedError where some could not be deleted.
+        """
+        deleted, troubles = 0, list[str]()
+        for stored in self.all():
+            entry = stored.entry
+            if entry.offer.kind != "walk" or entry.offered_at_s >= wall_s:
+                continue
+            with self._lock_of(entry.offer.sha256):
+                try:
+                    self._delete(stored)
+                except OSError as error:
+                    troubles.append(f"{stored.file} ({error.strerror})")
+                else:
+                    deleted += 1
+        if troubles:
+            raise UndeletedError(f"delete by hand, or see who may write there: {', '.join(troubles)}.", deleted)
+        return deleted
+
+    def _delete(self, stored: StoredRecording) -> None:
+        sha256 = stored.entry.offer.sha256
+        stored.file.unlink(missing_ok=True)
+        self._part(sha256).unlink(missing_ok=True)
+        # Last, so that what could not be deleted is found again.
+        self._description(sha256).unlink(missing_ok=True)
+        sync_path(self.folder)
 
     # ------------------------------------------------------------------------------------------------ internals
     def _lock_of(self, sha256: str) -> threading.Lock:

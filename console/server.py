@@ -75,11 +75,15 @@ class ConsoleServer:
     def run(self, on_ready: Callable[[Ready], None] = lambda _: None) -> None:
         """Serve until stopped; ``on_ready`` is called once requests are taken. Must be the main thread for signals."""
         self._uvicorn.on_started = lambda: on_ready(self.ready)
+        for timer in self.services.timers:
+            timer.start()
         try:
             self._uvicorn.run(sockets=[self._socket])
         finally:
             self._stop_scene()
             self._socket.close()
+            for timer in self.services.timers:
+                timer.close()
             self.services.builds.close()
             self.services.surveys.close()
             self.services.checks.close()

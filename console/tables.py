@@ -5,8 +5,10 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 2
-"""2 added the names of versions."""
+SCHEMA_VERSION = 3
+"""2 added the names of versions.
+3 added what the monitor keeps.
+"""
 
 
 class Base(DeclarativeBase):
@@ -161,3 +163,29 @@ class AuditRow(Base):
     who: Mapped[str]
     action: Mapped[str]
     detail: Mapped[str]
+
+
+class AccessRow(Base):
+    """That somebody has watched a walker, or looked at what is kept of them."""
+
+    __tablename__ = "accesses"
+    __table_args__ = (Index("accesses_by_device", "device_id", "ended_at_s"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    who: Mapped[str]
+    what: Mapped[str]
+    """A :data:`console.access.What`."""
+    device_id: Mapped[str]
+    """Empty for what concerns every walker."""
+    detail: Mapped[str]
+    about_s: Mapped[float | None]
+    """When the walk or incident was that was looked at."""
+    began_at_s: Mapped[float]
+    ended_at_s: Mapped[float]
+
+
+class KeptValueRow(Base):
+    """A value that the console itself remembers, as JSON."""
+
+    __tablename__ = "kept_values"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    value_json: Mapped[str] = mapped_column(Text)

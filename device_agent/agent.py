@@ -38,6 +38,7 @@ from device_agent.ports import (
     Sonar,
     Uplink,
 )
+from device_agent.privacy import heard, passed, sharing_of
 from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
 from device_agent.stage_statistics import as_text
@@ -50,6 +51,9 @@ from device_agent.state import (
     Outdated,
     PreparedMap,
     SayAgain,
+    SoundSign,
+    StoreAccesses,
+    StoreConsent,
     StoreGraph,
     StoreSettings,
     SwapMap,
@@ -179,6 +183,7 @@ class DeviceAgent:
         uplink.message(GraphRunning(state.graph.version))
         uplink.message(MapRunning(state.map_checksum))
         uplink.message(MapWalkRunning(state.purpose is Mode.MAPPING))
+        uplink.message(sharing_of(state.privacy))
 
     # -------------------------------------------------------------------------------------------------- loop
     def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:
@@ -215,6 +220,7 @@ class DeviceAgent:
             timer_s=parts.timer_s,
         )  # fmt: skip
         self.state, cycle, effects = run_stages(self.state, self._tap.ports(ports))
+        self.state = heard(self.state, cycle.cues)
         cued_s, began_s = parts.clock.now_s(), parts.timer_s()
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
@@ -287,6 +293,9 @@ class DeviceAgent:
             self._carry_out(press)
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
+        if not self.state.privacy.at_rest:
+            self.state, effects = passed(self.state, self._clock.now_s())
+            self._do_all(effects)
 
     def _carry_out(self, order: Order) -> None:
         self._tap.order(order)
@@ -317,9 +326,11 @@ class DeviceAgent:
         now_s = self._clock.now_s()
         match effect:
             case Notice():
-                self._report_cues(self._voice.say(effect, self.state.settings, now_s))
+                self._heard(self._voice.say(effect, self.state.settings, now_s))
             case SayAgain():
-                self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
+                self._heard(self._voice.repeat(self.state, effect.otherwise, now_s))
+            case SoundSign():
+                self._heard(self._voice.sound(effect.tone, self.state.settings, now_s))
             case Outdated():
                 self._voice.forget(effect.kinds)
             case MarkPlace():
@@ -339,6 +350,10 @@ class DeviceAgent:
                 self._locator.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)
                 self._disk.submit(self._keep, lambda store: store.save_settings(effect.settings, effect.revision))
+            case StoreConsent():
+                self._disk.submit(self._keep, lambda store: store.save_consent(effect.consent))
+            case StoreAccesses():
+                self._disk.submit(self._keep, lambda store: store.save_accesses(effect.accesses))
             case _:
                 self._parts.uplink.message(effect)
 
@@ -364,11 +379,17 @@ class DeviceAgent:
         uplink.state(walker_state(self.state, cycle, spoken, self._frame_rate_hz, summaries))
         if cycle.frame is not None:
             uplink.depth_image(cycle.frame)
+            if self.state.privacy.colour is not None:
+                uplink.colour_image(cycle.frame)
         self._report_cues(cycle.cues)
         quality = cycle.localization.quality.value if cycle.localization is not None else self._quality
         if quality != self._quality:
             self._quality = quality
             uplink.event(cycle.stamp_s, "localization", f"The place in the map is {_QUALITY_WORDS[quality]}.")
+
+    def _heard(self, cues: tuple[Cue, ...]) -> None:
+        self.state = heard(self.state, cues)
+        self._report_cues(cues)
 
     def _report_cues(self, cues: tuple[Cue, ...]) -> None:
         for cue in cues:

@@ -43,6 +43,11 @@ def add_device_options(parser: argparse.ArgumentParser) -> None:
     console.add_argument("--token-file", type=Path, metavar="FILE", help="holds the token that the console gave")
     console.add_argument("--ca-file", type=Path, metavar="FILE", help="certificate of a console that has its own")
 
+    console.add_argument(
+        "--share-walks", action="store_true",
+        help="recordings of walks go to the console, unless the walker has said otherwise (`vbr consent`)",
+    )  # fmt: skip
+
     sensors = parser.add_argument_group("sensors")
     sensors.add_argument("--simulated", action="store_true", help="walk in the simulated building, in real time")
     sensors.add_argument("--recording", type=Path, metavar="DIR", help="play a recording as the camera")
@@ -163,4 +168,5 @@ def device_options(arguments: argparse.Namespace) -> DeviceOptions:
         print_cues=not arguments.quiet,
         overlay=arguments.overlay,
         record=recording_options(arguments, arguments.device_id),
+        shares_walks=arguments.share_walks,
     )

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from device_agent.sharing import LinkStands
 from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.wire import ConsoleMessage, Hello
@@ -23,7 +24,7 @@ class LinkedDevice(Protocol):
         """Return who calls and what it runs."""
         ...
 
-    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
+    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands) -> None:
         """Take an order; it is carried out between two frames."""
         ...
 

@@ -209,7 +209,7 @@ class _Run:
     def _order(self, order: OrderTaken) -> Order:
         if order.message is not None:
             return decode_from_console(order.message)
-        if (local := order.lead or order.press or order.told) is not None:
+        if (local := order.lead or order.press or order.told or order.link or order.consent) is not None:
             return local
         if order.map is None:
             raise InputError(f"An order of the kind {order.kind} cannot be replayed: replay the walk up to there.")

@@ -19,6 +19,9 @@ _STATE_FIELDS = (
     "mode", "destination_id", "load_level",
 )  # fmt: skip
 
+_OF_THE_DEVICE = ("apply_settings", "begin_map_walk", "end_map_walk")
+"""Orders that tell nothing of where its walker goes, or of what they are told."""
+
 
 def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
     """Return one device; ``now_s`` is the console's monotonic clock."""
@@ -31,6 +34,7 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
         "age_s": device.age_s(now_s),
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
         "age_uncertainty_s": device.clock_uncertainty_s,
+        "mode": None if device.state is None else device.state.mode,
         "state": _state_view(device, now_s),
         "route": _route_view(device),
         "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
@@ -59,8 +63,9 @@ def device_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
 def unwatched_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
     """Return what is shown of a device to who does not watch it: that it is there, and nothing of its walker."""
     view = device_view(device, now_s)
-    return view | {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": [],
-                   "commands": ()}  # fmt: skip
+    commands = [command for command in device.commands if command.kind in _OF_THE_DEVICE]
+    hidden = {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": []}
+    return view | hidden | {"commands": commands[-COMMANDS_SHOWN_COUNT:]}
 
 
 def _watchers_view(device: LiveDevice) -> list[dict[str, Any]]:

@@ -97,6 +97,15 @@ class Watching:
             known = self._windows.get(window)
             return known is not None and _shows(known, device_id, self._now_s())
 
+    def scene_sees(self, window: object, device_id: str) -> bool:
+        """The same for a scene: where its person has pages open, these must say that they show the device."""
+        with self._lock:
+            known, now_s = self._windows.get(window), self._now_s()
+            if known is None:
+                return False
+            pages = [each for each in self._windows.values() if each.who == known.who and not each.counts_alone]
+            return not pages or any(_shows(page, device_id, now_s) for page in pages)
+
     def looked(self, who: str, device_id: str) -> None:
         """Somebody has asked for a picture of a walker: that is watching as well."""
         with self._lock:

@@ -10,10 +10,12 @@ import { tabs } from "./tabs.js";
 import { attempt, toast } from "./toast.js";
 import { tourOnFirstVisit } from "./tour.js";
 import { Walker } from "./walker.js";
+import { WatchersPanel } from "./watchers.js";
 
 const me = await start();
 const graph = new Graph(showGraph);
 const walker = new Walker();
+const watchers = new WatchersPanel($("watchers"), { me: me.name, ask: (why) => onDevice("colour", { why }) });
 let device = null;
 let wantedDevice = sessionStorage.getItem("device");
 let renaming = null;
@@ -36,6 +38,7 @@ function showLive(data, elapsed_s, linked) {
   $("panel").dataset.freshness = fresh;
   showFreshness(fresh);
   walker.show(device, { elapsed_s, age_s, fresh, poi: (id) => graph.poi(id) });
+  watchers.show(device, { elapsed_s, linked });
   showButtons(linked);
   showCommands(device ? device.commands.filter(({ kind }) => kind !== "apply_settings").slice(-3) : []);
   showVersions({
@@ -120,7 +123,7 @@ function commandWords({ kind, detail }) {
   const place = graph.poi(detail)?.name ?? detail;
   return {
     begin_map_walk: "Begin a map walk", end_map_walk: "End the map walk",
-    set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", repeat: "Repeat", say: `Say “${detail}”`,
+    set_destination: `Guide to ${place}`, clear: "Stop guiding", pause: "Pause", resume: "Resume", repeat: "Repeat", ask_colour: "Ask to see pictures", say: `Say “${detail}”`,
   }[kind];
 }
 
@@ -199,7 +202,7 @@ function redrawPlaces() {
 }
 
 await graph.fetch();
-follow(showLive);
+follow(showLive, () => (device ? [device.id] : []));
 
 ready();
 if (me.mayEdit) tourOnFirstVisit(me);

@@ -6,21 +6,29 @@ import { toast } from "./toast.js";
 
 const RETRY_MS = [500, 1000, 2000, 4000];
 const SILENT_AFTER_S = 3;
+const SAY_EVERY_MS = 3000;
 const TICK_MS = 250;
 const SIGNED_OUT = 4401;
 
 /**
  * Call `show(data, elapsed_s, linked)` at each message and four times a second in between. `elapsed_s` is how long ago
  * the message came: add it to every age. `linked` is false once the console has gone silent.
+ *
+ * `watching` returns the ids of the devices whose walkers the page shows now. Of these it is sent everything, and the
+ * walkers are told who watches; nobody watches by a page that cannot be seen.
  */
-export function follow(show) {
+export function follow(show, watching = () => []) {
   let data = null;
   let receivedAt = 0;
   let failures = 0;
+  let socket = null;
+  let said = "";
+  let saidAt = 0;
 
   const connect = () => {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
-    const socket = new WebSocket(`${scheme}://${location.host}/live`);
+    socket = new WebSocket(`${scheme}://${location.host}/live?says=1`);
+    said = "";
     let opened = false;
     socket.onopen = () => { opened = true; failures = 0; };
     socket.onmessage = (event) => {
@@ -40,6 +48,15 @@ export function follow(show) {
     const linked = elapsed_s < SILENT_AFTER_S;
     showLink(linked, elapsed_s);
     show(data, elapsed_s, linked);
+    say();
+  };
+  const say = () => {
+    if (socket.readyState !== WebSocket.OPEN) return;
+    const text = JSON.stringify({ watching: document.hidden ? [] : watching() });
+    if (text === said && performance.now() - saidAt < SAY_EVERY_MS) return;
+    socket.send(text);
+    said = text;
+    saidAt = performance.now();
   };
   const isSignedOut = async () => {
     const answer = await fetch("/api/session", { cache: "no-store" }).catch(() => null);
@@ -47,6 +64,7 @@ export function follow(show) {
   };
   connect();
   setInterval(draw, TICK_MS);
+  document.addEventListener("visibilitychange", () => { if (data !== null) say(); });
 }
 
 /** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */

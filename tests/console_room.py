@@ -65,12 +65,12 @@ class Person:
         """Return the draft as the pages see it."""
         return self.http.get("/api/graph").raise_for_status().json()
 
-    def live(self, origin: str | None = None) -> ClientConnection:
+    def live(self, origin: str | None = None, query: str = "") -> ClientConnection:
         """Open the live stream."""
         cookies = "; ".join(f"{name}={value}" for name, value in self.http.cookies.items())
         headers = {"Cookie": cookies} if cookies else {}
         return connect(
-            self.url.replace("http", "ws") + "/live",
+            self.url.replace("http", "ws") + "/live" + query,
             origin=self.url if origin is None else origin,
             additional_headers=headers,
             proxy=None,

@@ -64,7 +64,7 @@ def unwatched_view(device: LiveDevice, now_s: float) -> dict[str, Any]:
     """Return what is shown of a device to who does not watch it: that it is there, and nothing of its walker."""
     view = device_view(device, now_s)
     commands = [command for command in device.commands if command.kind in _OF_THE_DEVICE]
-    hidden = {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": []}
+    hidden: dict[str, Any] = {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": []}
     return view | hidden | {"commands": commands[-COMMANDS_SHOWN_COUNT:]}
 
 

@@ -18,7 +18,7 @@ from navcore.wire import MAX_NAMES_COUNT
 GRACE_S = 8.0
 SAYS_AT_LEAST_EVERY_S = 10.0
 """A window that has once said what it shows, and says it no more, shows nothing any longer: its page is hidden."""
-NOTED_EVERY_S = 60.0
+NOTED_EVERY_S = 15.0
 LOOK_EVERY_S = 0.5
 
 

@@ -21,7 +21,7 @@ export class WatchersPanel {
     el("p", { class: "hint" }, "They hear who asks and why, and allow it for one minute, or not. Nothing of it is kept."));
     this.image = el("img", { alt: "What the walker's camera sees, in colour" });
     this.caption = el("figcaption", {});
-    this.figure = el("figure", { class: "depth colour", hidden: true }, this.image, this.caption);
+    this.figure = el("figure", { class: "colour", hidden: true }, this.image, this.caption);
     root.append(this.words, this.shared, this.figure, this.form);
     this.drawRoot = onChange((shown) => { root.hidden = !shown; });
   }

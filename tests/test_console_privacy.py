@@ -6,21 +6,31 @@ import contextlib
 import hashlib
 import json
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 from console_room import WAIT_S, DialledDevice, Person, hello_of, invited, until
+from device_hall import Rig
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from console.access import AccessLog
 from console.device_store import DeviceStore
+from console.live import LiveDevice
 from console.recordings import Recordings
 from console.retention import DEFAULT_DAYS, Retention
 from console.server import ConsoleServer
 from console.store import Store
 from console.watching import GRACE_S, SAYS_AT_LEAST_EVERY_S, Watching
+from device_agent.adapters.clocks import SteppedClock
+from device_agent.journal import EventJournal
+from device_agent.link import ConsoleLink
+from device_agent.link_settings import LinkSettings
+from device_agent.ports import Button, PressKind
 from navcore.recording_upload import RecordingOffer
 from navcore.wire import (
     Accesses,
@@ -355,3 +365,54 @@ def test_it_is_deleted_as_the_console_starts(ada: Person) -> None:
     end_s = time.monotonic() + WAIT_S
     while ada.http.get("/api/privacy").json()["last_run"] is None:
         assert time.monotonic() < end_s, "nothing was looked through"
+
+
+def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
+    server: ConsoleServer, ada: Person, ben: Person, tmp_path: Path
+) -> None:
+    """A real console, the real link, and the real loop on fakes of the hardware."""
+    token = ada.http.post("/api/tokens", json={"name": "Lead glasses"}).raise_for_status().json()["token"]
+    journal = EventJournal(tmp_path / "events.sqlite")
+    clock = SteppedClock(100.0)
+    link = ConsoleLink(LinkSettings(server.ready.url.replace("http", "ws"), token, tmp_path / "in"), journal, clock)
+    rig = Rig(link=link, clock=clock)
+    rig.agent.state = replace(rig.agent.state, map_checksum=server.services.package.checksum)
+
+    def walk_until(holds: Callable[[], object]) -> None:
+        end_s = time.monotonic() + WAIT_S
+        while not holds():
+            rig.cycles(1)
+            assert time.monotonic() < end_s, "it never came to be so"
+
+    def heard(words: str) -> bool:
+        return any(cue.text.startswith(words) for cue in rig.output.cues)
+
+    def seen(question: Callable[[LiveDevice], object]) -> bool:
+        return any(question(each) for each in server.services.hub.devices())
+
+    rig.agent.announce()
+    link.start(rig.agent)
+    try:
+        walk_until(lambda: seen(lambda each: each.connected and each.sharing))
+        with ben.live(query="?says=1") as stream:
+            stream.send(json.dumps({"watching": ["glasses"]}))
+            walk_until(lambda: heard("Ben is watching."))
+            walk_until(lambda: seen(lambda each: each.sharing and each.sharing.told == ("Ben",)))
+            ben.http.post("/api/devices/glasses/colour", json={"why": "which door"}).raise_for_status()
+            walk_until(lambda: heard("Ben asks to see pictures: which door."))
+            assert ben.http.get("/api/devices/glasses/colour.jpg").status_code == 404
+            rig.press(Button.NEXT, PressKind.LONG)
+            walk_until(lambda: seen(lambda each: each.colour_stamp_s is not None))
+            picture = ben.http.get("/api/devices/glasses/colour.jpg").raise_for_status().content
+            assert cv2.imdecode(np.frombuffer(picture, np.uint8), cv2.IMREAD_COLOR).shape == (120, 160, 3)
+            rig.press(Button.PREVIOUS, PressKind.LONG)
+            walk_until(lambda: seen(lambda each: each.sharing and not each.sharing.colour_for))
+            assert ben.http.get("/api/devices/glasses/colour.jpg").status_code == 404
+        walk_until(lambda: any("Ben" in event.text and event.kind == "privacy" for event in
+                               server.services.devices.latest_events("glasses", 50)))  # fmt: skip
+        server.services.hub.close_named("Lead glasses")
+        walk_until(lambda: rig.agent.state.privacy.watchers is None)
+        assert not heard("Nobody is watching any more."), "without a link nobody knows"
+    finally:
+        link.stop()
+        journal.close()

@@ -33,7 +33,7 @@ from device_agent.ports import Clock
 from device_agent.state_health import refuse_unwritable
 from navcore.site import Site, load_site, map_checksum, save_site
 from navcore.types import Action, Frame
-from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SharingRunning, SettingsRunning, WalkerState
+from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SettingsRunning, SharingRunning, WalkerState
 
 CUT_S = 600
 

@@ -74,8 +74,9 @@ def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
     colour = ColourShown(question.who, now_s + COLOUR_FOR_S, now_s + SIGN_EVERY_S)
     state = _with(state, replace(_without_question(state.privacy, question.request_id, ""), colour=colour))
     return state, (
-        _QUESTION_OVER,
+        # The answer cuts the question off, which then waits to be said again.
         Notice(TEXTS[language]["colour_allowed"].format(name=question.who), answers=True),
+        _QUESTION_OVER,
         Happened("privacy", f"The walker lets {question.who} see pictures for {COLOUR_FOR_S:.0f} s."),
         sharing_of(state.privacy),
     )

@@ -7,11 +7,11 @@ Whatever shows somebody what was kept of a walker calls :meth:`AccessLog.note`; 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Literal, cast
 
-from sqlalchemy import delete, or_, select
+from sqlalchemy import delete, or_, select, update
 
 from console.store import Store
 from console.tables import AccessRow
@@ -103,16 +103,15 @@ class AccessLog:
         self.on_changed(device_id)
         return number
 
-    def watch_goes_on(self, number: int, *, over: bool = False) -> None:
-        """Write down that somebody has watched until now; ``over`` where they have ended it."""
+    def watches_go_on(self, numbers: Collection[int]) -> None:
+        """Write down that people have watched until now, all in one step; ``numbers`` are those of their entries."""
         with self._store.writing() as session:
-            row = session.get(AccessRow, number)
-            if row is None:
-                return
-            row.ended_at_s = self._store.wall_s()
-            device_id = row.device_id
-        if over:
-            self.on_changed(device_id)
+            session.execute(update(AccessRow).where(AccessRow.id.in_(numbers)).values(ended_at_s=self._store.wall_s()))
+
+    def watch_ends(self, number: int, device_id: str) -> None:
+        """Write down that somebody has watched a device until now, and watches no more."""
+        self.watches_go_on((number,))
+        self.on_changed(device_id)
 
     def latest(self, count: int) -> list[LoggedAccess]:
         """Return the last entries, newest first."""

@@ -18,7 +18,7 @@ from navcore.wire import MAX_NAMES_COUNT
 GRACE_S = 8.0
 SAYS_AT_LEAST_EVERY_S = 10.0
 """A window that has once said what it shows, and says it no more, shows nothing any longer: its page is hidden."""
-NOTED_EVERY_S = 15.0
+NOTED_EVERY_S = 30.0
 LOOK_EVERY_S = 0.5
 
 
@@ -55,7 +55,6 @@ class _Watch:
     """When they last did, as far as it is known."""
     entry: int
     """Their entry in the log."""
-    noted_s: float
 
 
 class Watching:
@@ -70,6 +69,7 @@ class Watching:
         self._looking = threading.Lock()
         self._windows: dict[object, _Window] = {}
         self._watches: dict[str, dict[str, _Watch]] = {}
+        self._noted_s = now_s()
 
     def opened(self, window: object, who: str, *, says: bool, counts_alone: bool = False) -> None:
         """A window has been opened; one that never ``says`` what it shows, shows everything."""
@@ -121,8 +121,18 @@ class Watching:
                 for who, watch in tuple(watches.items()):
                     if now_s - watch.seen_s > GRACE_S:
                         del watches[who]
-                        self._access.watch_goes_on(watch.entry, over=True)
+                        self._access.watch_ends(watch.entry, device_id)
                 self._devices.set_watchers(device_id, tuple(watches)[:MAX_NAMES_COUNT])
+            self._note(now_s)
+
+    def _note(self, now_s: float) -> None:
+        """Write down now and then who still watches, all at once: with many devices on a page these are many."""
+        if now_s - self._noted_s < NOTED_EVERY_S:
+            return
+        self._noted_s = now_s
+        entries = [watch.entry for watches in self._watches.values() for watch in watches.values()]
+        if entries:
+            self._access.watches_go_on(entries)
 
     def _seen_now(self, now_s: float, connected: tuple[str, ...]) -> list[tuple[str, str]]:
         """Return device and person of everything that is shown to somebody; forget pictures that were asked for."""
@@ -139,10 +149,7 @@ class Watching:
         watches = self._watches.setdefault(device_id, {})
         watch = watches.get(who)
         if watch is None:
-            watches[who] = _Watch(now_s, self._access.watch_begins(who, device_id), now_s)
-        elif now_s - watch.noted_s > NOTED_EVERY_S:
-            self._access.watch_goes_on(watch.entry)
-            watches[who] = replace(watch, seen_s=now_s, noted_s=now_s)
+            watches[who] = _Watch(now_s, self._access.watch_begins(who, device_id))
         else:
             watches[who] = replace(watch, seen_s=now_s)
 

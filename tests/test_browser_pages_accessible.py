@@ -24,7 +24,7 @@ FOCUS_IS_IN_TOUR = """
 """
 PAGES = (
     "/", "/pois", "/pois#connections", "/pois#roads", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks",
-    "/settings", "/admin",
+    "/settings", "/privacy", "/admin",
 )  # fmt: skip
 
 

@@ -69,9 +69,12 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
         return json_response({"incidents": found})
 
     @app.get("/api/incidents/{incident_id}")
-    def incident_frames(incident_id: str, every_s: Annotated[float, Query(ge=0.0, le=60.0)] = 0.2) -> Response:
+    def incident_frames(
+        visitor: Visitor, incident_id: str, every_s: Annotated[float, Query(ge=0.0, le=60.0)] = 0.2
+    ) -> Response:
         """The incident, and what the panel would have shown: one frame at least ``every_s`` after another."""
         incident = incidents.named(incident_id)
+        services.access.note(visitor.user_name, "incident", incident.device_id, incident_id, incident.began_at_s)
         return json_response(
             {"incident": incident, "frames": frames(incident, incidents.messages(incident_id), every_s)}
         )
@@ -81,6 +84,7 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
         incident = incidents.named(incident_id)
         alert_ids = [cause.alert_id for cause in incident.causes if cause.alert_id]
         made = bundle(incidents, incident_id, services.alert_store.named(alert_ids))
+        services.access.note(visitor.user_name, "export", incident.device_id, incident_id, incident.began_at_s)
         services.store.audit(visitor.user_name, "incident_download", f"{incident.device_name} {incident_id}")
         headers = {"Content-Disposition": f'attachment; filename="{made.name}"', "Content-Length": str(made.size_bytes)}
         return StreamingResponse(made.pieces(), media_type=made.media_type, headers=headers)

@@ -55,8 +55,9 @@ def _add_command_routes(app: FastAPI, services: Services) -> None:
         return asked(hub.say(device_id, text, visitor.user_name))
 
     @app.get("/api/devices/{device_id}/depth.jpg")
-    def depth_image(device_id: str) -> Response:
+    def depth_image(visitor: Visitor, device_id: str) -> Response:
         image = hub.device(device_id).depth_image
+        services.watching.looked(visitor.user_name, device_id)
         if image is None:
             raise NotFoundError("This device has sent no depth image yet.")
         return Response(image.jpeg, media_type="image/jpeg")

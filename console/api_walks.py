@@ -34,16 +34,19 @@ Ids = Annotated[list[str], Query(max_length=MAX_CHOSEN)]
 
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
-    _add_list_routes(app, services.walk_library)
+    _add_list_routes(app, services)
     _add_walk_routes(app, services)
 
 
-def note_access(services: Services, who: str, what: str) -> None:
-    """Keep who has looked at somebody's walk."""
-    services.store.audit(who, "watch_walk", what)
+def note_access(services: Services, who: str, walk: PastWalk) -> None:
+    """Write down who has looked at somebody's walk: the walker can hear it."""
+    for device_id in services.devices.ids_of(walk.device) or (walk.device,):
+        services.access.note(who, "past_walk", device_id, walk.walk_id, walk.began_at_s)
 
 
-def _add_list_routes(app: FastAPI, library: WalkLibrary) -> None:
+def _add_list_routes(app: FastAPI, services: Services) -> None:
+    library = services.walk_library
+
     @app.get("/api/walks")
     def walks() -> Response:
         here = library.walks.all()
@@ -51,14 +54,19 @@ def _add_list_routes(app: FastAPI, library: WalkLibrary) -> None:
         return json_response({"walks": [_row(library, walk) for walk in here]})
 
     @app.get("/api/walk-overlays")
-    def overlays(walk: Ids) -> Response:
-        found = [library.found(each) for each in walks_named(library, walk)]
+    def overlays(visitor: Visitor, walk: Ids) -> Response:
+        chosen = walks_named(library, walk)
+        for each in chosen:
+            note_access(services, visitor.user_name, each)
+        found = [library.found(each) for each in chosen]
         layers = together(each.layers for each in found if each is not None)
         return json_response({"layers": layers, "walk_count": len(found), "reading_count": found.count(None)})
 
     @app.get("/api/walk-figures.csv")
-    def figures(walk: Ids) -> Response:
+    def figures(visitor: Visitor, walk: Ids) -> Response:
         chosen = walks_named(library, walk)
+        for each in chosen:
+            note_access(services, visitor.user_name, each)
         lines = [(each, found.figures) for each in chosen if (found := library.found(each)) is not None]
         return _csv_response(figures_csv(lines))
 
@@ -70,24 +78,29 @@ def _add_walk_routes(app: FastAPI, services: Services) -> None:
     def one(visitor: Visitor, walk_id: str) -> Response:
         walk = library.walks.named(walk_id)
         timeline = library.timeline(walk)
-        note_access(services, visitor.user_name, walk_id)
+        note_access(services, visitor.user_name, walk)
         return json_response(
             _walk_view(timeline) | {"summary": _row(library, walk), "compared": _compared(library, walk)}
         )
 
     @app.get("/api/walks/{walk_id}/instants")
     def instants(
+        visitor: Visitor,
         walk_id: str,
         begin_s: Annotated[float, Query(alias="from", ge=0.0)],
         end_s: Annotated[float, Query(alias="to", ge=0.0)],
         step_s: Annotated[float, Query(alias="step", ge=0.02, le=60.0)] = 0.1,
     ) -> Response:
-        timeline = library.timeline(library.walks.named(walk_id))
+        walk = library.walks.named(walk_id)
+        timeline = library.timeline(walk)
+        note_access(services, visitor.user_name, walk)
         return json_response({"instants": [_instant(timeline, at_s) for at_s in _times(begin_s, end_s, step_s)]})
 
     @app.get("/api/walks/{walk_id}/depth.jpg")
-    def depth(walk_id: str, at: Annotated[float, Query(ge=0.0)]) -> Response:
-        timeline = library.timeline(library.walks.named(walk_id))
+    def depth(visitor: Visitor, walk_id: str, at: Annotated[float, Query(ge=0.0)]) -> Response:
+        walk = library.walks.named(walk_id)
+        timeline = library.timeline(walk)
+        note_access(services, visitor.user_name, walk)
         return Response(timeline.depth_jpeg(timeline.began_s + at), media_type="image/jpeg")
 
 

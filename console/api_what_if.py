@@ -7,9 +7,10 @@ from typing import Any
 
 from fastapi import FastAPI, Response
 
+from console.api_walks import note_access
 from console.bodies import WhatIfBody
 from console.past_walks import PastWalk
-from console.requests import json_response
+from console.requests import Visitor, json_response
 from console.services import Services
 from console.what_if import WhatIfRun
 
@@ -23,7 +24,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response({"walks": [_walk_view(walk) for walk in services.walks.all()]})
 
     @app.post("/api/what-if")
-    def ask(body: WhatIfBody) -> Response:
+    def ask(visitor: Visitor, body: WhatIfBody) -> Response:
+        note_access(services, visitor.user_name, services.walks.named(body.walk_id))
         return json_response(_run_view(what_ifs.start(body.walk_id, body.changes, body.last_s)), 202)
 
     @app.get("/api/what-if/{run_id}")

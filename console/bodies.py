@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
 
+from console.retention import MAX_DAYS, MIN_DAYS
 from console.roles import Role
 from console.tuning import TRIAL_S
 from navcore.cues.directions import DirectionStyle
@@ -116,6 +117,18 @@ class SayBody(_Body):
     """What the walker is told."""
 
     text: Annotated[str, Field(min_length=1, max_length=300)]
+
+
+class AskColourBody(_Body):
+    """Why somebody wants to see colour pictures; the walker hears it."""
+
+    why: Annotated[str, Field(max_length=100)] = ""
+
+
+class DaysBody(_Body):
+    """For how many days things are kept."""
+
+    days: Annotated[StrictInt, Field(ge=MIN_DAYS, le=MAX_DAYS)]
 
 
 class RehearsalBody(_Body):

@@ -6,7 +6,15 @@ from dataclasses import replace
 
 from console.live import Command
 from navcore.modes import Mode
-from navcore.wire import DeviceMessage, Event, MapWalkRunning, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import (
+    DeviceMessage,
+    Event,
+    MapWalkRunning,
+    RouteChanged,
+    SettingsRunning,
+    SharingRunning,
+    WalkerState,
+)
 
 _OPPOSITES = {
     "set_destination": "clear", "clear": "set_destination", "pause": "resume", "resume": "pause",
@@ -23,6 +31,8 @@ def judge(command: Command, message: DeviceMessage) -> Command:
         return _judge_settings(command, message)
     if isinstance(message, MapWalkRunning):
         return _judge_map_walk(command, message)
+    if isinstance(message, SharingRunning):
+        return _judge_colour(command, message)
     if isinstance(message, RouteChanged):
         return _judge_route(command, message)
     done = (isinstance(message, WalkerState) and _shown_by(command, message)) or (
@@ -35,7 +45,7 @@ def superseded(command: Command, by: Command) -> Command:
     """Return a command that still waits, given a later one of the same matter: it will not be answered any more."""
     if (
         command.state == "sent"
-        and command.kind not in ("say", "repeat")
+        and command.kind not in ("say", "repeat", "ask_colour")
         and by.kind in (command.kind, _OPPOSITES.get(command.kind))
     ):
         return replace(command, state="unanswered")
@@ -71,6 +81,12 @@ def _judge_map_walk(command: Command, message: MapWalkRunning) -> Command:
         return replace(command, state="refused", refusal=message.refusal)
     is_done = message.is_running is (command.kind == "begin_map_walk")
     return replace(command, state="running") if is_done else command
+
+
+def _judge_colour(command: Command, message: SharingRunning) -> Command:
+    if command.kind != "ask_colour" or str(message.answered_id) != command.detail:
+        return command
+    return replace(command, state="refused" if message.refusal else "running", refusal=message.refusal)
 
 
 def _told_by(command: Command, event: Event) -> bool:

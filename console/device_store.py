@@ -6,8 +6,8 @@ import re
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session
+from sqlalchemy import delete, func, not_, select, update
+from sqlalchemy.orm import Session, aliased
 
 from console.errors import BadRequestError, ConflictError, NotFoundError
 from console.secrets_kept import hash_of_token, new_token
@@ -17,7 +17,9 @@ from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
 _NAME = re.compile(r"\w[\w .'()-]*")
-EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
+EventKind = Literal[
+    "cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button", "privacy"
+]
 EVENT_KINDS: tuple[EventKind, ...] = get_args(EventKind)
 
 
@@ -143,10 +145,31 @@ class DeviceStore:
 
     def latest_events(self, device_id: str, count: int) -> tuple[Event, ...]:
         """Return the last events of a device, oldest first."""
-        ordered = select(EventRow).where(EventRow.device_id == device_id).order_by(EventRow.sequence.desc())
+        mine = EventRow.device_id == device_id, EventRow.text != ""
+        ordered = select(EventRow).where(*mine).order_by(EventRow.sequence.desc())
         with self._store.reading() as session:
             rows = list(session.scalars(ordered.limit(count)))
         return tuple(Event(row.sequence, row.stamp_s, _kind(row.kind), row.text) for row in reversed(rows))
+
+    def ids_of(self, token_name: str) -> tuple[str, ...]:
+        """Return the devices that speak with the token of this name."""
+        with self._store.reading() as session:
+            mine = select(DeviceRow.device_id).where(DeviceRow.token_name == token_name)
+            return tuple(session.scalars(mine.order_by(DeviceRow.device_id)))
+
+    def delete_before(self, wall_s: float) -> int:
+        """Delete the events that arrived before a Unix time; return how many there were.
+
+        The last one of each device stays, without its words: by its number the device knows which the console has.
+        """
+        same_device = aliased(EventRow)
+        last = select(func.max(same_device.sequence)).where(same_device.device_id == EventRow.device_id)
+        is_last, old = EventRow.sequence == last.scalar_subquery(), EventRow.arrived_at_s < wall_s
+        with self._store.writing() as session:
+            count = session.scalar(select(func.count()).where(old, EventRow.text != "")) or 0
+            session.execute(update(EventRow).where(old, is_last).values(text=""))
+            session.execute(delete(EventRow).where(old, not_(is_last)))
+        return count
 
     # ---------------------------------------------------------------------------------------------- internals
     def _set_token(self, session: Session, name: str, token: str, by: str) -> None:

@@ -22,8 +22,10 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import SettingValue
 from navcore.wire import (
     ApplySettings,
+    AskColour,
     BeginMapWalk,
     ClearDestination,
+    ColourImage,
     ConsoleMessage,
     DepthImage,
     DeviceMessage,
@@ -44,7 +46,9 @@ from navcore.wire import (
     Say,
     SetDestination,
     SettingsRunning,
+    SharingRunning,
     WalkerState,
+    Watchers,
 )
 
 _log = logging.getLogger(__name__)
@@ -76,6 +80,8 @@ class DeviceHub:
         self._devices: dict[str, LiveDevice] = {}
         self._outlets: dict[str, Outlet] = {}
         self._clocks: dict[str, ClockOffset] = {}
+        self._colours: dict[str, ColourImage] = {}
+        """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
         self._listeners: list[Listener] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
@@ -128,9 +134,11 @@ class DeviceHub:
                 graph_version=hello.graph_version,
                 map_checksum=hello.map_checksum,
                 settings=known.settings if known and known.settings_revision == hello.settings_revision else None,
+                watchers=known.watchers if known else (),
                 commands=known.commands if known else (),
             )  # fmt: skip
             self._put(device)
+            outlet.send(Watchers(device.watchers))
             return device
 
     def disconnect(self, device_id: str, outlet: Outlet) -> None:
@@ -147,7 +155,8 @@ class DeviceHub:
                 else command
                 for command in device.commands
             )
-            self._put(replace(device, connected=False, commands=commands))
+            self._colours.pop(device_id, None)
+            self._put(replace(device, connected=False, commands=commands, colour_stamp_s=None))
 
     def receive(self, device_id: str, message: DeviceMessage) -> None:
         """Take in one message of a connected device."""
@@ -191,6 +200,39 @@ class DeviceHub:
             raise ConflictError(f"{device.name} is not connected: wait until it is back, then try again.")
         return outlet
 
+    # ------------------------------------------------------------------------------------------------ privacy
+    def connected_ids(self) -> tuple[str, ...]:
+        """Return the devices that are connected now."""
+        with self._lock:
+            return tuple(self._outlets)
+
+    def set_watchers(self, device_id: str, names: tuple[str, ...]) -> None:
+        """Show who watches a device, and tell it, where that is news."""
+        with self._lock:
+            device = self._devices.get(device_id)
+            if device is None or device.watchers == names:
+                return
+            self._put(replace(device, watchers=names))
+            self.send(device_id, Watchers(names))
+
+    def colour_image(self, device_id: str, who: str) -> ColourImage:
+        """Return the newest colour picture, for the one whom the walker lets see it. Raises NotFoundError."""
+        with self._lock:
+            device, image = self.device(device_id), self._colours.get(device_id)
+            allowed = device.sharing is not None and device.sharing.colour_for == who
+            if image is None or not allowed or device.colour_left_s(self.now_s()) <= 0.0:
+                raise NotFoundError("There is no picture that you may see: ask the walker first.")
+            return image
+
+    def keep_events(self, device_id: str, stored: tuple[Event, ...]) -> None:
+        """Forget the events of a device that are no longer among the latest ``stored`` ones, nor newer."""
+        kept = {event.sequence for event in stored}
+        newest = max(kept, default=0)
+        with self._lock:
+            device = self._devices[device_id]
+            events = tuple(each for each in device.events if each.sequence in kept or each.sequence > newest)
+            self._put(replace(device, events=events))
+
     # ----------------------------------------------------------------------------------------------- commands
     def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
         """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
@@ -223,6 +265,11 @@ class DeviceHub:
     def say(self, device_id: str, text: str, who: str) -> Command:
         """Speak a sentence to the walker."""
         return self._command(device_id, "say", text, who, Say(text))
+
+    def ask_colour(self, device_id: str, why: str, who: str) -> Command:
+        """Ask the walker to let somebody see colour pictures for a minute."""
+        request_id = int(self._wall_s() * 1000)
+        return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
 
     def apply_settings(
         self,
@@ -269,28 +316,16 @@ class DeviceHub:
                 return replace(device, state=message, state_arrival_s=now_s)
             case DepthImage():
                 return replace(device, depth_image=message)
+            case ColourImage():
+                return self._with_colour(device, message, now_s)
             case RouteChanged():
                 return replace(device, route=message)
             case Event():
                 return replace(device, events=(*device.events, message)[-EVENTS_KEPT_COUNT:])
-            case SettingsRunning():
-                return replace(
-                    device, settings=dict(message.values), settings_revision=message.revision,
-                    settings_revert_at_s=message.revert_at_s,
-                )  # fmt: skip
-            case GraphRunning():
-                return replace(device, graph_version=message.version, graph_refusal=message.refusal)
-            case MapRunning():
-                return replace(
-                    device, map_checksum=message.map_checksum, map_refusal=message.refusal,
-                    map_waiting=message.waiting_checksum,
-                )  # fmt: skip
-            case MapWalkRunning(is_running, refusal):
-                # What another walk has seen is nothing of this one.
-                seen = device.map_walk if is_running == device.map_walk_running or not is_running else None
-                return replace(device, map_walk_running=is_running, map_walk_refusal=refusal, map_walk=seen)
             case MapWalkSeen():
                 return replace(device, map_walk=message)
+            case SharingRunning():
+                return self._shares(device, message)
             case Pong():
                 clock = self._clocks[device.device_id]
                 clock.add(message.console_sent_s, message.device_received_s, message.device_sent_s, now_s)
@@ -300,6 +335,43 @@ class DeviceHub:
                 )  # fmt: skip
             case Hello():
                 return replace(device, hello=message)
+            case SettingsRunning() | GraphRunning() | MapRunning() | MapWalkRunning():
+                return _runs(device, message)
+
+    def _with_colour(self, device: LiveDevice, image: ColourImage, now_s: float) -> LiveDevice:
+        if device.colour_left_s(now_s) <= 0.0:
+            return device
+        self._colours[device.device_id] = image
+        return replace(device, colour_stamp_s=image.stamp_s)
+
+    def _shares(self, device: LiveDevice, sharing: SharingRunning) -> LiveDevice:
+        """What is no longer shared is no longer here."""
+        before = device.sharing
+        if before is None or not sharing.colour_for or sharing.colour_for != before.colour_for:
+            self._colours.pop(device.device_id, None)
+            device = replace(device, colour_stamp_s=None)
+        depth_image = device.depth_image if sharing.silhouettes else None
+        return replace(device, sharing=sharing, depth_image=depth_image)
+
+
+def _runs(device: LiveDevice, message: SettingsRunning | GraphRunning | MapRunning | MapWalkRunning) -> LiveDevice:
+    match message:
+        case SettingsRunning():
+            return replace(
+                device, settings=dict(message.values), settings_revision=message.revision,
+                settings_revert_at_s=message.revert_at_s,
+            )  # fmt: skip
+        case GraphRunning():
+            return replace(device, graph_version=message.version, graph_refusal=message.refusal)
+        case MapRunning():
+            return replace(
+                device, map_checksum=message.map_checksum, map_refusal=message.refusal,
+                map_waiting=message.waiting_checksum,
+            )  # fmt: skip
+        case MapWalkRunning(is_running, refusal):
+            # What another walk has seen is nothing of this one.
+            seen = device.map_walk if is_running == device.map_walk_running or not is_running else None
+            return replace(device, map_walk_running=is_running, map_walk_refusal=refusal, map_walk=seen)
 
 
 def _dated(before: Command, after: Command, now_s: float) -> Command:

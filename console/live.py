@@ -8,7 +8,7 @@ from typing import Literal
 
 from navcore.modes import ON_THE_WAY, Mode
 from navcore.settings import SettingValue
-from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, WalkerState
+from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, SharingRunning, WalkerState
 
 DELAYED_AFTER_S = 1.0
 STALE_AFTER_S = 5.0
@@ -29,6 +29,7 @@ CommandKind = Literal[
     "give_up_settings",
     "begin_map_walk",
     "end_map_walk",
+    "ask_colour",
 ]
 
 
@@ -109,6 +110,12 @@ class LiveDevice:
     """Why the device does not do what was asked of its map walk last."""
     map_walk: MapWalkSeen | None = None
     """How well the building was seen last, in the map walk that runs or in the last one."""
+    watchers: tuple[str, ...] = ()
+    """Who watches now."""
+    sharing: SharingRunning | None = None
+    """What the walker shares, and of whom they have heard that they watch; None until the device has told it."""
+    colour_stamp_s: float | None = None
+    """When the colour picture was taken that may be seen now, on the device's clock; it is kept nowhere but there."""
     commands: tuple[Command, ...] = field(default=())
     """The latest, oldest first."""
 
@@ -137,6 +144,13 @@ class LiveDevice:
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""
         return max(0.0, now_s - (stamp_s - self.clock_offset_s))
+
+    def colour_left_s(self, now_s: float) -> float:
+        """Seconds for which colour pictures may still be seen; 0 where nobody may see any."""
+        sharing = self.sharing
+        if not self.connected or sharing is None or sharing.colour_until_s is None or not sharing.colour_for:
+            return 0.0
+        return max(0.0, sharing.colour_until_s - self.clock_offset_s - now_s)
 
     def freshness(self, now_s: float) -> Freshness:
         """How fresh ``state`` is, at the oldest that it may be; never LIVE while the clocks have not been compared."""

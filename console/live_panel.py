@@ -18,13 +18,13 @@ from navcore.types import Reason
 EVENTS_SHOWN_COUNT = 30
 COMMANDS_SHOWN_COUNT = 6
 OFF_ROAD_SETTING = "follower.off_road_distance_m"
-_OF_THE_DEVICE = ("battery_percent", "is_charging", "temperature_c")
-"""What not every device can tell of itself."""
 _STATE_FIELDS = (
     "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
     "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
     "mode", "destination_id", "load_level", "eye_m", "tilt_rad", "battery_percent", "is_charging", "temperature_c",
 )  # fmt: skip
+_OF_THE_DEVICE = ("apply_settings", "keep_settings", "give_up_settings", "begin_map_walk", "end_map_walk")
+"""Orders that tell nothing of where its walker goes, or of what they are told."""
 
 
 def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
@@ -38,6 +38,7 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
         "age_s": device.age_s(now_s),
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
         "age_uncertainty_s": device.clock_uncertainty_s,
+        "mode": None if device.state is None else device.state.mode,
         "state": _state_view(device, now_s),
         "route": _route_view(device, now_s),
         "off_road_m": (device.settings or {}).get(OFF_ROAD_SETTING),
@@ -47,6 +48,8 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
             {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
             for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
         ],
+        "watchers": _watchers_view(device),
+        "sharing": _sharing_view(device, now_s),
         "commands": [_command_view(command, now_s) for command in device.commands[-COMMANDS_SHOWN_COUNT:]],
         "settings_revision": device.settings_revision,
         "settings_trial_left_s": device.trial_left_s(now_s),
@@ -65,12 +68,40 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
     }
 
 
+def unwatched_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
+    """Return what is shown of a device to who does not watch it: that it is there, and its alerts."""
+    view = device_view(device, now_s, alerts)
+    commands = [_command_view(each, now_s) for each in device.commands if each.kind in _OF_THE_DEVICE]
+    hidden: dict[str, Any] = {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": []}
+    return view | hidden | {"commands": commands[-COMMANDS_SHOWN_COUNT:]}
+
+
+def _watchers_view(device: LiveDevice) -> list[dict[str, Any]]:
+    """Who watches, and whether the device has said that the walker has heard so."""
+    told = device.sharing.told if device.sharing is not None else ()
+    return [{"name": name, "told": name in told} for name in device.watchers]
+
+
+def _sharing_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+    sharing, stamp_s = device.sharing, device.colour_stamp_s
+    if sharing is None:
+        return None
+    left_s = device.colour_left_s(now_s)
+    return {
+        "silhouettes": sharing.silhouettes,
+        "walks": sharing.walks,
+        "colour_for": sharing.colour_for if left_s > 0.0 else "",
+        "colour_left_s": left_s,
+        "colour_stamp_s": stamp_s if left_s > 0.0 else None,
+        "colour_age_s": device.age_of(stamp_s, now_s) if stamp_s is not None and left_s > 0.0 else None,
+    }
+
+
 def _state_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
     state = device.state
     if state is None:
         return None
     view = {name: getattr(state, name) for name in _STATE_FIELDS}
-    view |= {name: getattr(state, name, None) for name in _OF_THE_DEVICE}
     cue_stamp_s = state.last_cue_stamp_s
     view["reason"] = reason_sentence(state.reason)
     view["mode_label"], view["mode_sentence"] = state.mode.label, state.mode.sentence

@@ -3,6 +3,10 @@
 Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind. A page
 that shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is
 for many at once.
+
+A page opens it with ``says=1``, and says every few seconds which devices it shows while somebody can see it
+(:class:`console.page_stream.Watches`). Of these it is sent everything, and the walkers are told; of the others only
+that they are there. What never says so is sent all that it asks for, and counts as watching every device.
 """
 
 from __future__ import annotations
@@ -18,10 +22,11 @@ from console.alerts.lifecycle import Phase
 from console.api_versions import presence_view
 from console.hub import DeviceHub
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, LiveDevice
-from console.live_panel import device_view
+from console.live_panel import device_view, unwatched_view
 from console.page_stream import serve, set_from_any_thread
 from console.requests import signed_in
 from console.services import Services
+from console.watching import Window
 
 SHORTEST_S = 0.1
 LONGEST_S = 1.0
@@ -34,11 +39,21 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
     @app.websocket("/live")
     async def live(
-        socket: WebSocket, devices: Scope = "all", device: Annotated[str, Query(max_length=120)] = ""
+        socket: WebSocket,
+        devices: Scope = "all",
+        device: Annotated[str, Query(max_length=120)] = "",
+        says: bool = False,
     ) -> None:
         shown = Shown(services.hub, devices, device)
         who = signed_in(socket).user_name
-        await serve(socket, services, lambda: _stream(socket, services, who, shown))
+        with services.watching.window(who, says=says) as window:
+            changed = asyncio.Event()
+
+            def watches(device_ids: frozenset[str]) -> None:
+                if window.shows(device_ids):
+                    changed.set()
+
+            await serve(socket, services, lambda: _stream(socket, services, who, shown, window, changed), watches)
 
 
 class Shown:
@@ -87,8 +102,14 @@ class Shown:
         return {"roster": roster}
 
 
-def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...]) -> dict[str, Any]:
+def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...], window: Window) -> dict[str, Any]:
     """Return everything that the panel shows to ``who`` of these devices at this instant."""
+
+    def view(device: LiveDevice) -> dict[str, Any]:
+        alerts = services.alerts.views(device.device_id)
+        shown = device_view if window.sees(device.device_id) else unwatched_view
+        return shown(device, now_s, alerts)
+
     now_s, model = services.hub.now_s(), services.model
     standing = services.alerts.active()
     return {
@@ -100,7 +121,7 @@ def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...]) ->
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
         "limits": LIMITS,
-        "devices": [device_view(device, now_s, services.alerts.views(device.device_id)) for device in devices],
+        "devices": [view(device) for device in devices],
         "alerts": {
             "total": len(standing),
             "unacknowledged": sum(each.phase in (Phase.UNACKNOWLEDGED, Phase.RETURNED) for each in standing),
@@ -108,8 +129,9 @@ def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...]) ->
     }
 
 
-async def _stream(socket: WebSocket, services: Services, who: str, shown: Shown) -> None:
-    changed = asyncio.Event()
+async def _stream(
+    socket: WebSocket, services: Services, who: str, shown: Shown, window: Window, changed: asyncio.Event
+) -> None:
     loop = asyncio.get_running_loop()
 
     def wake(_: object = None) -> None:
@@ -124,7 +146,7 @@ async def _stream(socket: WebSocket, services: Services, who: str, shown: Shown)
     try:
         while True:
             changed.clear()
-            picture = panel_view(services, who, shown.devices()) | shown.roster_news()
+            picture = panel_view(services, who, shown.devices(), window) | shown.roster_news()
             await socket.send_text(msgspec.json.encode(picture).decode())
             await asyncio.sleep(SHORTEST_S)
             with contextlib.suppress(TimeoutError):

@@ -69,7 +69,7 @@ class SocketOutlet:
 
     def _queue(self, message: ConsoleMessage) -> None:
         row = MESSAGES[type(message)]
-        if row.delivery is Delivery.ANSWER:
+        if row.delivery in (Delivery.ANSWER, Delivery.KEPT):
             # The newest says all that the earlier ones of its kind would have said.
             self._waiting = [entry for entry in self._waiting if type(entry[2]) is not type(message)]
             heapq.heapify(self._waiting)

@@ -22,9 +22,12 @@ _OF_THE_STATE = (
 )  # fmt: skip
 
 
-def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords) -> Row:
-    """Return one device; ``captured_s`` is on the console's monotonic clock, and None before its first state."""
-    state = device.state
+def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords, *, is_watched: bool = True) -> Row:
+    """Return one device; ``captured_s`` is on the console's monotonic clock, and None before its first state.
+
+    Who does not watch it is told that it is there, and nothing of its walker.
+    """
+    state = device.state if is_watched else None
     return {
         "name": device.name,
         "connected": device.connected,
@@ -48,7 +51,7 @@ def _state_row(state: WalkerState, graph: PoiGraph, places: PlaceWords) -> Row:
         "place": places.at(*state.pose[:2]) if state.pose is not None else "",
         "destination": destination.name if destination is not None else state.destination_id,
         "remaining_m": _rounded(state.remaining_m, 0),
-        "battery_percent": _rounded(getattr(state, "battery_percent", None), 0),
+        "battery_percent": _rounded(state.battery_percent, 0),
     }
 
 

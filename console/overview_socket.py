@@ -18,7 +18,9 @@ from console.live_socket import LIMITS
 from console.overview import Row, differences, overview_row
 from console.page_stream import serve
 from console.place_words import PlaceWords
+from console.requests import signed_in
 from console.services import Services
+from console.watching import Window
 
 EVERY_S = 0.5
 """With a device's own tenth of a second this stays well below what counts as delayed."""
@@ -29,11 +31,12 @@ def add_routes(app: FastAPI, services: Services) -> None:
     """Add the route."""
 
     @app.websocket("/live/overview")
-    async def overview(socket: WebSocket) -> None:
-        await serve(socket, services, lambda: _stream(socket, services))
+    async def overview(socket: WebSocket, says: bool = False) -> None:
+        with services.watching.window(signed_in(socket).user_name, says=says) as window:
+            await serve(socket, services, lambda: _stream(socket, services, window), window.shows)
 
 
-async def _stream(socket: WebSocket, services: Services) -> None:
+async def _stream(socket: WebSocket, services: Services, window: Window) -> None:
     graph = services.model.published
     places = PlaceWords(graph)
     told: Mapping[str, Row] = {}
@@ -41,7 +44,10 @@ async def _stream(socket: WebSocket, services: Services) -> None:
         if services.model.published is not graph:
             graph = services.model.published
             places = PlaceWords(graph)
-        rows = {device.device_id: overview_row(device, graph, places) for device in services.hub.devices()}
+        rows = {
+            device.device_id: overview_row(device, graph, places, is_watched=window.sees(device.device_id))
+            for device in services.hub.devices()
+        }
         for message in messages(told, rows):
             picture = {"now_s": services.hub.now_s(), "limits": LIMITS, **message}
             await socket.send_text(msgspec.json.encode(picture).decode())

@@ -1,6 +1,7 @@
 """The sockets that pages listen on: each is told what happens until it goes or its session ends.
 
-All that a page may say on it is to ask for the console's clock, so that it knows how old is what it shows.
+All that a page may say on it is to ask for the console's clock, so that it knows how old is what it shows; and, every
+few seconds, which devices it shows while somebody can see it.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from navcore.wire_pace import Allowance
 
 REFUSED_CODE = 1008
 """WebSocket close code: the page said something that cannot be read, or asks too often."""
-MAX_ASKED_BYTES = 200
-CLOCK_ASKED_HZ = 2.0
+MAX_SAID_BYTES = 16 << 10
+SAID_HZ = 4.0
 
 
 class ClockAsked(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="clock", tag_field="type"):
@@ -38,16 +39,31 @@ class ClockTold(msgspec.Struct, frozen=True, tag="clock", tag_field="type"):
     console_sent_s: float
 
 
-_asked_decoder = msgspec.json.Decoder(ClockAsked)
+class Watches(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag="watching", tag_field="type"):
+    """A page says what it shows."""
+
+    watching: tuple[str, ...]
+    """Ids of the devices that it shows, while somebody can see it; none where nobody can."""
 
 
-async def serve(socket: WebSocket, services: Services, stream: Callable[[], Awaitable[None]]) -> None:
-    """Accept a page's socket and run ``stream`` on it until the page goes, its session ends, or it talks nonsense."""
+_said_decoder: msgspec.json.Decoder[ClockAsked | Watches] = msgspec.json.Decoder(ClockAsked | Watches)
+
+
+async def serve(
+    socket: WebSocket,
+    services: Services,
+    stream: Callable[[], Awaitable[None]],
+    watches: Callable[[frozenset[str]], object] = lambda device_ids: None,
+) -> None:
+    """Accept a page's socket and run ``stream`` on it until the page goes, its session ends, or it talks nonsense.
+
+    ``watches`` hears which devices the page shows, each time that it says so.
+    """
     visitor = signed_in(socket)
     await socket.accept()
     loop, signed_out = asyncio.get_running_loop(), asyncio.Event()
     forget = services.sockets.add(visitor.session_id, lambda: set_from_any_thread(loop, signed_out))
-    listening = asyncio.create_task(_listen(socket, services.hub.now_s))
+    listening = asyncio.create_task(_listen(socket, services.hub.now_s, watches))
     tasks = [asyncio.ensure_future(stream()), listening, asyncio.create_task(signed_out.wait())]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -67,24 +83,27 @@ def set_from_any_thread(loop: asyncio.AbstractEventLoop, event: asyncio.Event) -
         loop.call_soon_threadsafe(event.set)
 
 
-async def _listen(socket: WebSocket, now_s: Callable[[], float]) -> int:
+async def _listen(socket: WebSocket, now_s: Callable[[], float], watches: Callable[[frozenset[str]], object]) -> int:
     """Answer the page until it goes; return the code to close the socket with."""
-    allowance = Allowance(CLOCK_ASKED_HZ, now_s())
+    allowance = Allowance(SAID_HZ, now_s())
     while (received := await socket.receive())["type"] != "websocket.disconnect":
         received_s = now_s()
-        asked = _read(received.get("text") or "")
-        if asked is None or not allowance.take(received_s):
+        said = _read(received.get("text") or "")
+        if said is None or not allowance.take(received_s):
             return REFUSED_CODE
+        if isinstance(said, Watches):
+            watches(frozenset(said.watching))
+            continue
         with contextlib.suppress(RuntimeError, WebSocketDisconnect):
-            told = ClockTold(asked.page_sent_s, received_s, now_s())
+            told = ClockTold(said.page_sent_s, received_s, now_s())
             await socket.send_text(msgspec.json.encode(told).decode())
     return 1000
 
 
-def _read(text: str) -> ClockAsked | None:
-    if len(text) > MAX_ASKED_BYTES:
+def _read(text: str) -> ClockAsked | Watches | None:
+    if len(text) > MAX_SAID_BYTES:
         return None
     try:
-        return _asked_decoder.decode(text)
-    except (msgspec.MsgspecError, RecursionError):
+        return _said_decoder.decode(text)
+    except (msgspec.MsgspecError, UnicodeEncodeError, RecursionError):
         return None

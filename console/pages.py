@@ -23,6 +23,7 @@ PAGES = {
     "/checks": "checks.html",
     "/rehearse": "rehearse.html",
     "/exchange": "exchange.html",
+    "/privacy": "privacy.html",
     "/settings": "settings.html",
     "/alerts": "alerts.html",
     "/walks": "walks.html",

@@ -9,7 +9,8 @@
       NAME-SHA256.tar   a recording (NAME-SHA256.mcap: a walk): whole, its checksum fits
 
 A recording gets its last name in one step when its checksum fits, so whoever is killed meanwhile finds it whole, or
-goes on with it. What turned out to be damaged is deleted, and walks when they have been kept for long enough.
+goes on with it. What turned out to be damaged is deleted, and walks that are too old (:mod:`console.retention`) with
+all that is kept about them: recordings of map walks stay.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from typing import Any, Literal
 import msgspec
 
 from console.errors import BadRequestError, ConflictError, NoRoomError, NotFoundError, TooLargeError
+from console.retention import UndeletedError
 from navcore.folder_swap import sync_path
 from navcore.recording_upload import MAX_RECORDING_BYTES, RecordingHeld, RecordingOffer
 from navcore.site_files import write_whole
@@ -236,26 +238,35 @@ class Recordings:
             write_whole(self.companion(sha256, what), data)
 
     def delete_before(self, wall_s: float) -> int:
-        """Delete the walks that were offered before this Unix time, and all that is kept about them; return how many.
+        """Delete the walks that were offered before a Unix time, what came of them in part, and all that is kept about
+        them; return how many. Map walks stay: maps are built of them.
 
-        What of such a walk has not come whole goes as well. Map walks stay: maps are built of them.
+        Raises UndeletedError where some could not be deleted.
         """
-        gone = 0
+        deleted, troubles = 0, list[str]()
         for stored in self.all():
-            if stored.entry.offer.kind == "walk" and stored.entry.offered_at_s < wall_s:
-                self._delete(stored)
-                gone += 1
-        return gone
+            entry = stored.entry
+            if entry.offer.kind != "walk" or entry.offered_at_s >= wall_s:
+                continue
+            with self._lock_of(entry.offer.sha256):
+                try:
+                    self._delete(stored)
+                except OSError as error:
+                    troubles.append(f"{stored.file} ({error.strerror})")
+                else:
+                    deleted += 1
+        if troubles:
+            raise UndeletedError(f"delete by hand, or see who may write there: {', '.join(troubles)}.", deleted)
+        return deleted
 
     def _delete(self, stored: StoredRecording) -> None:
-        """Delete a recording, its description last: who is killed meanwhile goes on with it the next time."""
+        """Delete a recording, its description last, so that what could not be deleted is found again."""
         sha256 = stored.entry.offer.sha256
-        with self._lock_of(sha256):
-            description = self._description(sha256)
-            beside = [path for path in self.folder.glob(f"{sha256}.*") if path != description]
-            for path in (stored.file, *beside, description):
-                path.unlink(missing_ok=True)
-            sync_path(self.folder)
+        description = self._description(sha256)
+        beside = [path for path in self.folder.glob(f"{sha256}.*") if path != description]
+        for path in (stored.file, *beside, description):
+            path.unlink(missing_ok=True)
+        sync_path(self.folder)
 
     # ------------------------------------------------------------------------------------------------ internals
     def _lock_of(self, sha256: str) -> threading.Lock:

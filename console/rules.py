@@ -57,6 +57,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/settings"): EVERYBODY,
     ("GET", "/alerts"): EVERYBODY,
     ("GET", "/walks"): EVERYBODY,
+    ("GET", "/privacy"): EVERYBODY,
     ("GET", "/map-walks"): MAPPERS,
     ("GET", "/admin"): ADMINS,
     # Signing in and out.
@@ -105,6 +106,12 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/devices/{device_id}/resume"): EDITORS,
     ("POST", "/api/devices/{device_id}/repeat"): EVERYBODY,
     ("POST", "/api/devices/{device_id}/say"): EVERYBODY,
+    # Who sees the walkers, and how long what is kept of them stays.
+    ("POST", "/api/devices/{device_id}/colour"): EVERYBODY,
+    ("GET", "/api/devices/{device_id}/colour.jpg"): EVERYBODY,
+    ("GET", "/api/privacy"): EVERYBODY,
+    ("POST", "/api/privacy/days"): ADMINS,
+    ("POST", "/api/privacy/delete"): ADMINS,
     ("GET", "/api/settings"): EVERYBODY,
     ("GET", "/api/devices/{device_id}/settings"): EVERYBODY,
     ("PATCH", "/api/devices/{device_id}/settings"): TECHNICIANS,

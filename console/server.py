@@ -76,12 +76,16 @@ class ConsoleServer:
         """Serve until stopped; ``on_ready`` is called once requests are taken. Must be the main thread for signals."""
         self._uvicorn.on_started = lambda: on_ready(self.ready)
         self.services.alerts.start()
+        for timer in self.services.timers:
+            timer.start()
         try:
             self._uvicorn.run(sockets=[self._socket])
         finally:
             self._stop_scene()
             self._socket.close()
             self.services.alerts.close()
+            for timer in self.services.timers:
+                timer.close()
             self.services.builds.close()
             self.services.what_ifs.close()
             self.services.surveys.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from console.access import AccessLog
 from console.accounts import Accounts
 from console.alerts.alert_store import AlertStore
 from console.alerts.alerts import Alerts
@@ -13,7 +14,7 @@ from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.exports import Exports
 from console.hub import DeviceHub
-from console.live import Command
+from console.live import EVENTS_KEPT_COUNT, Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
 from console.model import ModelChange, SiteModel
@@ -22,6 +23,8 @@ from console.presence import Presence
 from console.presets import Presets
 from console.recordings import Recordings
 from console.rehearsals import Rehearsals, Sounds
+from console.repeating import Repeating
+from console.retention import EVERY_S, DeleteBefore, Retention
 from console.settings_store import SettingsStore
 from console.site_imports import SiteImports
 from console.sockets import SessionSockets
@@ -30,6 +33,7 @@ from console.surveys import Surveys
 from console.tuning import Tuning
 from console.view_requests import ViewRequests
 from console.walk_library import WalkLibrary
+from console.watching import LOOK_EVERY_S, Watching
 from console.what_if import WhatIfs
 from navcore.settings import SettingValue
 
@@ -85,6 +89,14 @@ class Services:
     """Earlier alerts."""
     incidents: Incidents
     """What was heard of devices around alerts."""
+    access: AccessLog
+    """Who has watched, and who has looked at what is kept: ``note`` is called wherever that is shown."""
+    watching: Watching
+    """Who watches which walker now."""
+    retention: Retention
+    """Deletes what is too old."""
+    timers: tuple[Repeating, ...]
+    """What is done again and again while the console serves."""
 
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
@@ -101,8 +113,25 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
             hub.offer_graph(model.for_devices, package.checksum)
 
     def commanded(device_id: str, command: Command) -> None:
-        store.audit(command.who, f"device_{command.kind}", f"{device_id} {command.detail}")
+        # What was said to a walker is theirs; that something was said is not.
+        detail = device_id if command.kind == "say" else f"{device_id} {command.detail}"
+        store.audit(command.who, f"device_{command.kind}", detail)
+        if command.kind == "ask_colour":
+            access.note(command.who, "colour", device_id)
 
+    def tell_accesses(device_id: str) -> None:
+        for each in (device_id,) if device_id else hub.connected_ids():
+            hub.send(each, access.told_to(each))
+
+    def delete_events_before(wall_s: float) -> int:
+        count = devices.delete_before(wall_s)
+        for device in hub.devices() if count else ():
+            hub.keep_events(device.device_id, devices.latest_events(device.device_id, EVENTS_KEPT_COUNT))
+        return count
+
+    access = AccessLog(store)
+    access.on_changed = tell_accesses
+    watching = Watching(hub.now_s, access, hub)
     model.subscribe(model_changed)
     hub.on_command = commanded
     accounts = Accounts(store, hub.now_s, session_ended)
@@ -111,6 +140,17 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
+    alert_store = AlertStore(store)
+    incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
+    kept_of_walkers: dict[str, DeleteBefore] = {
+        "Walks": recordings.delete_before,
+        "Incidents": incidents.delete_before,
+        "Alerts": alert_store.delete_before,
+        "Events": delete_events_before,
+        "Access log": access.delete_before,
+        "Orders in the audit log": store.redact_audit_before,
+    }
+    retention = Retention(store, kept_of_walkers)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
 
@@ -118,8 +158,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         return [tuning.running_values(device) for device in hub.devices() if device.connected]
 
     checks = MapChecks(model, surveys, device_settings=device_settings)
-    alert_store = AlertStore(store)
-    incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
     return Services(
         config=config,
         store=store,
@@ -148,4 +186,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         alerts=Alerts(hub, alert_store, incidents),
         alert_store=alert_store,
         incidents=incidents,
+        access=access,
+        watching=watching,
+        retention=retention,
+        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, watching.look)),
     )

@@ -1,6 +1,7 @@
 """The console's database: SQLite in WAL mode by default, through SQLAlchemy, so that a URL may name PostgreSQL instead.
 
-What :meth:`Store.writing` has committed survives a crash and a power cut (``synchronous=FULL``).
+What :meth:`Store.writing` has committed survives a crash and a power cut (``synchronous=FULL``). What is deleted is
+overwritten (``secure_delete``), and gone from the write-ahead log after :meth:`Store.forget_deleted`.
 """
 
 from __future__ import annotations
@@ -67,10 +68,35 @@ class Store:
         """Write down who did what, in the same transaction as the deed."""
         session.add(AuditRow(at_s=self.wall_s(), who=who, action=action, detail=detail[:500]))
 
+    def redact_audit_before(self, wall_s: float) -> int:
+        """Keep of orders to devices before a Unix time only who gave which to which device; return how many."""
+        old = (
+            AuditRow.at_s < wall_s,
+            AuditRow.action.startswith("device_", autoescape=True),
+            AuditRow.detail.contains(" "),
+        )
+        with self.writing() as session:
+            rows = session.scalars(select(AuditRow).where(*old)).all()
+            for row in rows:
+                row.detail = row.detail.split(" ")[0]
+        return len(rows)
+
     def latest_audit(self, count: int) -> list[AuditRow]:
         """Return the last deeds, newest first."""
         with self.reading() as session:
             return list(session.scalars(select(AuditRow).order_by(AuditRow.id.desc()).limit(count)))
+
+    def forget_deleted(self) -> bool:
+        """Empty the write-ahead log, which may still hold what was deleted; return False where a reader hinders it."""
+        if self._engine.dialect.name != "sqlite":
+            return True
+        with self._write_lock, self._engine.connect() as connection:
+            # Not within a transaction, which the log could not be emptied in.
+            cursor = connection.connection.cursor()
+            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+            answer = cursor.fetchone()
+            cursor.close()
+        return answer is not None and answer[0] == 0
 
     def close(self) -> None:
         """Close the database."""
@@ -84,7 +110,7 @@ def _sqlite_engine(url: str) -> Engine:
     def configure(connection: Any, record: object) -> None:
         # The driver's own guesses about transactions are switched off: BEGIN is ours, below.
         connection.isolation_level = None
-        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON"):
+        for pragma in ("journal_mode=WAL", "synchronous=FULL", "foreign_keys=ON", "secure_delete=ON"):
             connection.execute(f"PRAGMA {pragma}")
 
     @event.listens_for(engine, "begin")

@@ -235,3 +235,29 @@ class LedRow(Base):
     device_id: Mapped[str] = mapped_column(primary_key=True)
     device_name: Mapped[str]
     since_s: Mapped[float]
+
+
+class AccessRow(Base):
+    """That somebody has watched a walker, or looked at what is kept of them."""
+
+    __tablename__ = "accesses"
+    __table_args__ = (Index("accesses_by_device", "device_id", "ended_at_s"),)
+    id: Mapped[int] = mapped_column(primary_key=True)
+    who: Mapped[str]
+    what: Mapped[str]
+    """A :data:`console.access.What`."""
+    device_id: Mapped[str]
+    """Empty for what concerns every walker."""
+    detail: Mapped[str]
+    about_s: Mapped[float | None]
+    """When the walk or incident was that was looked at."""
+    began_at_s: Mapped[float]
+    ended_at_s: Mapped[float]
+
+
+class KeptValueRow(Base):
+    """A value that the console itself remembers, as JSON."""
+
+    __tablename__ = "kept_values"
+    name: Mapped[str] = mapped_column(primary_key=True)
+    value_json: Mapped[str] = mapped_column(Text)

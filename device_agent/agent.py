@@ -39,6 +39,7 @@ from device_agent.ports import (
     Sonar,
     Uplink,
 )
+from device_agent.privacy import heard, passed, sharing_of
 from device_agent.recording.tap import Tap
 from device_agent.screen import Screen
 from device_agent.settings_trial import after_trial, running
@@ -53,6 +54,9 @@ from device_agent.state import (
     PreparedMap,
     RunSettings,
     SayAgain,
+    SoundSign,
+    StoreAccesses,
+    StoreConsent,
     StoreGraph,
     StoreSettings,
     SwapMap,
@@ -184,6 +188,7 @@ class DeviceAgent:
         uplink.message(GraphRunning(state.graph.version))
         uplink.message(MapRunning(state.map_checksum))
         uplink.message(MapWalkRunning(state.purpose is Mode.MAPPING))
+        uplink.message(sharing_of(state.privacy))
 
     # -------------------------------------------------------------------------------------------------- loop
     def run(self, stopped: threading.Event, *, until_over: bool = False) -> None:
@@ -220,6 +225,7 @@ class DeviceAgent:
             timer_s=parts.timer_s,
         )  # fmt: skip
         self.state, cycle, effects = run_stages(self.state, self._tap.ports(ports))
+        self.state = heard(self.state, cycle.cues)
         cued_s, began_s = parts.clock.now_s(), parts.timer_s()
         if cycle.fault:
             self.watchdog.fault(cycle.fault)
@@ -295,6 +301,9 @@ class DeviceAgent:
             self._do_all(effects)
         self.state, effects = at_rest(self.state)
         self._do_all(effects)
+        if not self.state.privacy.at_rest:
+            self.state, effects = passed(self.state, self._clock.now_s())
+            self._do_all(effects)
 
     def _carry_out(self, order: Order) -> None:
         self._tap.order(order)
@@ -325,9 +334,11 @@ class DeviceAgent:
         now_s = self._clock.now_s()
         match effect:
             case Notice():
-                self._report_cues(self._voice.say(effect, self.state.settings, now_s))
+                self._heard(self._voice.say(effect, self.state.settings, now_s))
             case SayAgain():
-                self._report_cues(self._voice.repeat(self.state, effect.otherwise, now_s))
+                self._heard(self._voice.repeat(self.state, effect.otherwise, now_s))
+            case SoundSign():
+                self._heard(self._voice.sound(effect.tone, self.state.settings, now_s))
             case Outdated():
                 self._voice.forget(effect.kinds)
             case MarkPlace():
@@ -340,14 +351,12 @@ class DeviceAgent:
                 self._locator = self._parts.locating(effect.prepared.localizer)
                 self._locator.apply(self.state.settings)
                 self._disk.submit(self._keep, lambda store: store.swap_map(effect.prepared.staging))
-            case StoreGraph():
-                # After the map that it may be the graph of: one thread writes both.
-                self._disk.submit(self._keep, lambda store: store.save_graph(effect.graph))
             case RunSettings():
                 self._locator.apply(effect.settings)
                 self._parts.apply_settings(effect.settings)
-            case StoreSettings():
-                self._disk.submit(self._keep, lambda store: store.save_settings(effect.settings, effect.revision))
+            case StoreGraph() | StoreSettings() | StoreConsent() | StoreAccesses():
+                # One thread writes all of it, in order: a graph after the map that it may be of.
+                self._disk.submit(self._keep, lambda store: _write(store, effect))
             case _:
                 self._parts.uplink.message(effect)
 
@@ -374,11 +383,17 @@ class DeviceAgent:
         uplink.state(walker_state(self.state, cycle, spoken, self._frame_rate_hz, summaries, health))
         if cycle.frame is not None:
             uplink.depth_image(cycle.frame)
+            if self.state.privacy.colour is not None:
+                uplink.colour_image(cycle.frame)
         self._report_cues(cycle.cues)
         quality = cycle.localization.quality.value if cycle.localization is not None else self._quality
         if quality != self._quality:
             self._quality = quality
             uplink.event(cycle.stamp_s, "localization", f"The place in the map is {_QUALITY_WORDS[quality]}.")
+
+    def _heard(self, cues: tuple[Cue, ...]) -> None:
+        self.state = heard(self.state, cues)
+        self._report_cues(cues)
 
     def _report_cues(self, cues: tuple[Cue, ...]) -> None:
         for cue in cues:
@@ -403,3 +418,15 @@ LOAD_TEXTS = {
 }
 """What the console is told of a level."""
 _QUALITY_WORDS = {"localized": "known", "uncertain": "uncertain", "lost": "lost"}
+
+
+def _write(store: DeviceStore, effect: StoreGraph | StoreSettings | StoreConsent | StoreAccesses) -> None:
+    match effect:
+        case StoreGraph():
+            store.save_graph(effect.graph)
+        case StoreSettings():
+            store.save_settings(effect.settings, effect.revision)
+        case StoreConsent():
+            store.save_consent(effect.consent)
+        case StoreAccesses():
+            store.save_accesses(effect.accesses)

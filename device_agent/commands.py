@@ -13,6 +13,7 @@ import importlib.util
 _MODULES = (
     "device_agent.device_command",
     "device_agent.calibrate_command",
+    "device_agent.consent_command",
     "device_agent.doctor_command",
     "device_agent.logs_command",
     "device_agent.map_commands",

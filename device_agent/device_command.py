@@ -163,4 +163,5 @@ def device_options(arguments: argparse.Namespace) -> DeviceOptions:
         print_cues=not arguments.quiet,
         overlay=arguments.overlay,
         record=recording_options(arguments, arguments.device_id),
+        shares_walks=arguments.share_walks,
     )

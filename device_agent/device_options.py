@@ -55,6 +55,9 @@ class DeviceOptions:
     record: RecordingOptions | None = None
     """What is recorded of the walk; nothing where it is None."""
 
+    shares_walks: bool = False
+    """Whether recordings of walks go to the console where the walker has not said whether they may."""
+
     @property
     def map_walks(self) -> Path:
         """Folder of the map walks."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
+import time
 import zlib
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -16,6 +17,7 @@ from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.calibration_store import CalibrationStore
+from device_agent.consent_watch import NOTHING_SHARED, ConsentWatch
 from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
@@ -33,6 +35,7 @@ from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
+from device_agent.sharing import Consent, Privacy
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState, MapWalkTold, Phrase
@@ -50,7 +53,7 @@ from navcore.settings import Settings
 from navcore.site import Site, map_checksum
 from navcore.site_files import MANIFEST
 from navcore.types import Frame
-from navcore.wire import MapWalkSeen, Say
+from navcore.wire import Accesses, MapWalkSeen, Say
 
 _LONGEST_STEP_CYCLES = 1.5
 """Camera intervals that pass in the simulation, at the most, while the loop goes round once."""
@@ -81,7 +84,10 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         stack.callback(notifier.stopping)
         hardware = open_hardware(options, settings, clock, stack)
         localizer = NoMap() if site is None else make_localizer(site, hardware.camera.intrinsics, settings)
-        state = replace(_first_state(options, site, settings, kept.revision), calibration=kept.calibration)
+        state = replace(
+            _first_state(options, site, settings, kept.revision), calibration=kept.calibration,
+            privacy=Privacy(kept.consent),
+        )  # fmt: skip
         uplink = NoUplink() if journal is None else _link(options, store, kept, journal, real, stack)
         for trouble in [*kept.troubles, *filter(None, [store.went_back])]:
             uplink.event(real.now_s(), "mode", trouble[:500])
@@ -104,6 +110,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
             agent.submit(MapWalkTold(CueKind.MAP_NEWS, (Phrase("map_none"),)))
         if kept.troubles:
             agent.submit(Say(TEXTS[settings.cues.language]["storage_trouble"]))
+        _take_up_privacy(options, store, kept, agent, stack)
         walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
@@ -122,6 +129,8 @@ class _Kept:
     settings: Settings
     revision: int
     calibration: Calibration
+    consent: Consent
+    accesses: Accesses | None
     writable: bool
     troubles: list[str]
     """Each says what is wrong and what to do; guidance goes on without what they tell of."""
@@ -143,7 +152,27 @@ def _kept(options: DeviceOptions, store: DeviceStore) -> _Kept:
         )  # fmt: skip
         troubles.append(f"{error_of_calibration} Until then {runs}.")
     calibration = Calibration() if stored is None else stored.calibration
-    return _Kept(settings.changed(options.changes), revision, calibration, writable, troubles)
+    consent, accesses = NOTHING_SHARED, None
+    with contextlib.suppress(InputError):
+        consent = store.load_consent(_default_consent(options))
+    with contextlib.suppress(InputError):
+        accesses = store.load_accesses(time.time())
+    return _Kept(settings.changed(options.changes), revision, calibration, consent, accesses, writable, troubles)
+
+
+def _default_consent(options: DeviceOptions) -> Consent:
+    return Consent(walks=options.shares_walks)
+
+
+def _take_up_privacy(
+    options: DeviceOptions, store: DeviceStore, kept: _Kept, agent: DeviceAgent, stack: ExitStack
+) -> None:
+    """Let the walker hear who has looked, also before there is a link; and heed what is said by ``vbr consent``."""
+    if kept.accesses is not None:
+        agent.submit(kept.accesses)
+    watch = ConsentWatch(store, _default_consent(options), agent.submit)
+    stack.callback(watch.stop)
+    watch.start()
 
 
 def _site(options: DeviceOptions, store: DeviceStore) -> Site | None:
@@ -228,10 +257,18 @@ def _link(
     options: DeviceOptions, store: DeviceStore, kept: _Kept, journal: EventJournal, clock: Clock, stack: ExitStack
 ) -> ConsoleLink:
     assert options.console_url is not None, "a journal is kept for a console alone"
+
+    def shares_walks() -> bool:
+        try:
+            return store.load_consent(_default_consent(options)).walks
+        except InputError:
+            # Told where consent is watched.
+            return False
+
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
         seed=zlib.crc32(options.device_id.encode()), map_walks=options.map_walks,
-        walks=options.record.folder if options.record is not None and options.record.shared else None,
+        walks=options.record.folder if options.record is not None else None, shares_walks=shares_walks,
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
     if kept.writable:

@@ -12,11 +12,14 @@ from pathlib import Path
 import msgspec
 
 from device_agent.link_state import LinkState
+from device_agent.sharing import DEFAULT_CONSENT, Consent
 from navcore.errors import InputError, SettingError, SiteError
 from navcore.folder_swap import keep_aside, swap_in, sync_tree
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_site, save_poi_graph
+from navcore.site_files import write_whole
+from navcore.wire import Accesses
 
 _log = logging.getLogger(__name__)
 
@@ -88,6 +91,61 @@ class DeviceStore:
             out.flush()
             os.fsync(out.fileno())
         os.replace(fresh, self._settings_path)
+
+    @property
+    def _consent_path(self) -> Path:
+        return self.state_folder / "consent.json"
+
+    @property
+    def _accesses_path(self) -> Path:
+        return self.state_folder / "accesses.json"
+
+    def consent_stamp(self) -> tuple[int, int] | None:
+        """Return what tells one version of the file of consent from another; None where there is none."""
+        try:
+            found = self._consent_path.stat()
+        except OSError:
+            return None
+        return found.st_ino, found.st_mtime_ns
+
+    def load_consent(self, default: Consent = DEFAULT_CONSENT) -> Consent:
+        """Return what the walker shares; ``default`` where nothing was ever stored.
+
+        Raises InputError where what is stored cannot be read: nothing is shared then, until the walker says so.
+        """
+        try:
+            return msgspec.json.decode(self._consent_path.read_bytes(), type=Consent)
+        except (FileNotFoundError, NotADirectoryError):
+            return default
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise InputError(
+                f"What is shared, in {self._consent_path}, cannot be read ({error}), and nothing is shared: say it anew"
+                " with `vbr consent`."
+            ) from error
+
+    def save_consent(self, consent: Consent) -> None:
+        """Keep what the walker shares. Raises OSError."""
+        self.state_folder.mkdir(parents=True, exist_ok=True)
+        write_whole(self._consent_path, msgspec.json.encode(consent))
+
+    def load_accesses(self, now_s: float) -> Accesses | None:
+        """Return who has watched, and looked at what is kept, as it was told last, at ``now_s`` (Unix time); or None.
+
+        Raises InputError where it cannot be read; the console tells it anew at the next joining.
+        """
+        try:
+            told = msgspec.json.decode(self._accesses_path.read_bytes(), type=Accesses)
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            raise InputError(
+                f"Who has watched, in {self._accesses_path}, cannot be read ({error}): the console tells it anew."
+            ) from error
+        return msgspec.structs.replace(told, now_s=now_s)
+
+    def save_accesses(self, accesses: Accesses) -> None:
+        """Keep who has watched, and looked at what is kept. Raises OSError."""
+        write_whole(self._accesses_path, msgspec.json.encode(accesses))
 
     def save_graph(self, graph: PoiGraph) -> None:
         """Keep the PoI-graph in the site. Raises OSError."""

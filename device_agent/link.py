@@ -23,15 +23,17 @@ from device_agent.link_settings import LinkedDevice, LinkRefusedError, LinkSetti
 from device_agent.link_state import LinkCondition, LinkState
 from device_agent.logged_uplink import log_event
 from device_agent.map_intake import MapIntake
-from device_agent.outbox import Outbox
+from device_agent.outbox import ImageMessage, Outbox
 from device_agent.ports import Clock, EventKind, KeptMessage
 from device_agent.recording_uploads import RecordingUploads
+from device_agent.sharing import LinkStands
 from navcore.errors import VbrError, VersionError, WireError
-from navcore.silhouette import silhouette_jpeg
+from navcore.silhouette import colour_jpeg, silhouette_jpeg
 from navcore.types import Frame
 from navcore.wire import (
     MAX_MESSAGE_BYTES,
     MESSAGES,
+    ColourImage,
     ConsoleMessage,
     DepthImage,
     DeviceMessage,
@@ -105,7 +107,11 @@ class ConsoleLink:
 
     def depth_image(self, frame: Frame) -> None:
         """Offer the newest depth image."""
-        self._outbox.offer_frame(frame)
+        self._outbox.offer_frame(DepthImage, frame)
+
+    def colour_image(self, frame: Frame) -> None:
+        """Offer the newest colour picture."""
+        self._outbox.offer_frame(ColourImage, frame)
 
     def message(self, message: KeptMessage) -> None:
         """Hand over a message that is kept until it is sent."""
@@ -278,10 +284,16 @@ class ConsoleLink:
             finally:
                 await _ended(sending, receiving)
                 if not self._stopping:
-                    self._happened("The console is gone.")
+                    self._left()
             for task in (receiving, sending):
                 if not task.cancelled():
                     task.result()
+
+    def _left(self) -> None:
+        """Whatever else fails: who may see what they see by this connection sees it no longer."""
+        self._happened("The console is gone.")
+        with contextlib.suppress(VbrError):
+            self._device.submit(LinkStands(False))
 
     async def _join(self, socket: ClientConnection) -> None:
         hello = msgspec.structs.replace(self._device.hello(), now_s=self._clock.now_s())
@@ -292,6 +304,7 @@ class ConsoleLink:
         self._outbox.joined()
         self._events_stored = True
         self._stands(LinkCondition.JOINED)
+        self._device.submit(LinkStands(True))
         self._happened("Joined the console.")
 
     async def _welcome(self, socket: ClientConnection) -> Welcome:
@@ -321,7 +334,7 @@ class ConsoleLink:
                     case Delivery.NEWEST:
                         await self._send_newest(socket)
                     case _:
-                        await self._send_image(socket)
+                        await self._send_images(socket)
             if not self._events_stored:
                 await self._until_something_is_due()
 
@@ -363,12 +376,13 @@ class ConsoleLink:
         while (message := self._outbox.next_newest(self._loop.time())) is not None:
             await socket.send(encode(message))
 
-    async def _send_image(self, socket: ClientConnection) -> None:
-        if self._events_stored or socket.transport.get_write_buffer_size() > 0:
-            return
-        frame = self._outbox.next_frame(self._loop.time())
-        if frame is not None:
-            await socket.send(encode(DepthImage(frame.stamp_s, silhouette_jpeg(frame.depth_m))))
+    async def _send_images(self, socket: ClientConnection) -> None:
+        for kind, make in _IMAGES.items():
+            if self._events_stored or socket.transport.get_write_buffer_size() > 0:
+                return
+            frame = self._outbox.next_frame(kind, self._loop.time())
+            if frame is not None:
+                await socket.send(encode(make(frame)))
 
     # -------------------------------------------------------------------------------------------- receiving
     async def _receive_all(self, socket: ClientConnection) -> None:
@@ -418,6 +432,13 @@ _SENDING_ORDER = tuple(
     )
 )
 """What is sent first, by the table's priorities."""
+
+
+_IMAGES: dict[type[ImageMessage], Callable[[Frame], ImageMessage]] = {
+    DepthImage: lambda frame: DepthImage(frame.stamp_s, silhouette_jpeg(frame.depth_m)),
+    ColourImage: lambda frame: ColourImage(frame.stamp_s, colour_jpeg(frame.colour_rgb)),
+}
+"""How pictures are made, in the order in which they go."""
 
 
 async def _ended(*tasks: asyncio.Task[None]) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ssl
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from device_agent.sharing import LinkStands
 from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.wire import ConsoleMessage, Hello
@@ -23,7 +25,7 @@ class LinkedDevice(Protocol):
         """Return who calls and what it runs."""
         ...
 
-    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
+    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands) -> None:
         """Take an order; it is carried out between two frames."""
         ...
 
@@ -52,4 +54,6 @@ class LinkSettings:
     map_walks: Path | None = None
     """Folder of the map walks, whose recordings go to the console's machine; None where there are none."""
     walks: Path | None = None
-    """Folder of the recorded walks that are shared with the console; None where the walker shares none."""
+    """Folder of the recorded walks; None where none are recorded."""
+    shares_walks: Callable[[], bool] = bool
+    """Whether the walker shares them with the console just now; asked before each is sent."""

@@ -31,6 +31,10 @@ class LoggedUplink:
         """Pass it on."""
         self._uplink.depth_image(frame)
 
+    def colour_image(self, frame: Frame) -> None:
+        """Pass it on."""
+        self._uplink.colour_image(frame)
+
     def message(self, message: KeptMessage) -> None:
         """Pass it on."""
         self._uplink.message(message)

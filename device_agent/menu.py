@@ -12,7 +12,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Literal
 
+from device_agent import privacy_menu
 from device_agent.ports import Button, ButtonPress, PressKind
+from device_agent.privacy import answered, can_answer
 from device_agent.state import DeviceState, Effect, Happened, Menu, Notice, Step
 from device_agent.states import STATES, StateEvent
 from device_agent.transitions import By, happen
@@ -62,13 +64,23 @@ OTHERS: dict[tuple[Button, PressKind], Meaning] = {
 """The other buttons mean the same in every state. Glasses with three buttons have *where am I* as well."""
 
 
+ANSWERS: dict[tuple[Button, PressKind], bool] = {
+    (Button.NEXT, PressKind.LONG): True,
+    (Button.PREVIOUS, PressKind.LONG): False,
+}
+"""While somebody asks to see pictures: what allows it, and what refuses it; while they see them, the second ends it."""
+
+
 def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
     """Return the state after a button was pressed, and what is to be done."""
-    if state.menu is not None and (now_s > state.menu.until_s or not _may_choose(state)):
+    if (allowed := _answer(state, press, now_s)) is not None:
+        state, effects = answered(state, allowed, now_s)
+        return replace(state, map_offered_until_s=-math.inf), effects
+    if state.menu is not None and not _stays_open(state, state.menu, now_s):
         state = replace(state, menu=None)
     if press.button is Button.MAIN and state.menu is not None:
         if press.kind is PressKind.SHORT:
-            return _choose(replace(state, menu=None), state.menu.poi_id, now_s)
+            return _chosen(state, state.menu, now_s)
         state = replace(state, menu=None)
         if not state.leading:
             return state, (Notice(TEXTS[state.settings.cues.language]["menu_closed"], answers=True),)
@@ -84,7 +96,9 @@ def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
         meaning = StateEvent.ON_DUTY_WITHOUT_MAP
     if isinstance(meaning, StateEvent):
         return _wish(state, meaning, now_s)
-    if not _may_choose(state):
+    if meaning == "change order" and not _may_choose(state):
+        return privacy_menu.opened(state, now_s + OPEN_FOR_S)
+    if not _may_choose(state) and not _in_privacy(state):
         # The state's own answer says why.
         return _wish(state, StateEvent.DESTINATION, now_s)
     return _BROWSE[meaning](state, now_s)
@@ -95,6 +109,23 @@ def meaning_of(purpose: Mode, button: Button, kind: PressKind) -> Meaning:
     if button is Button.MAIN:
         return (MAIN_SHORT if kind is PressKind.SHORT else MAIN_LONG)[purpose]
     return OTHERS[button, kind]
+
+
+def _answer(state: DeviceState, press: ButtonPress, now_s: float) -> bool | None:
+    """Return what a press says to who asks for pictures, or sees them; None where it says nothing to them."""
+    allowed = ANSWERS.get((press.button, press.kind))
+    if allowed is None or not can_answer(state, now_s):
+        return None
+    # What is allowed already is not allowed again: *next* means what it always does.
+    return None if allowed and state.privacy.question is None else allowed
+
+
+def _stays_open(state: DeviceState, menu: Menu, now_s: float) -> bool:
+    return now_s <= menu.until_s and (menu.by == "privacy" or _may_choose(state))
+
+
+def _in_privacy(state: DeviceState) -> bool:
+    return state.menu is not None and state.menu.by == "privacy"
 
 
 def _may_choose(state: DeviceState) -> bool:
@@ -108,31 +139,40 @@ def _wish(state: DeviceState, event: StateEvent, now_s: float, poi_id: str = "")
     return state, (Happened("button", f"The walker pressed: {what}."), *effects)
 
 
-def _choose(state: DeviceState, poi_id: str, now_s: float) -> Step:
-    return _wish(state, StateEvent.DESTINATION, now_s, poi_id)
+def _chosen(state: DeviceState, menu: Menu, now_s: float) -> Step:
+    if menu.by == "privacy":
+        return privacy_menu.chosen(state, now_s, now_s + OPEN_FOR_S)
+    return _wish(replace(state, menu=None), StateEvent.DESTINATION, now_s, menu.entry_id)
 
 
 # -------------------------------------------------------------------------------------------------------- browsing
 def _browse(state: DeviceState, now_s: float, step: int = 0) -> Step:
     """Go to another place of the list, or to the first one."""
     menu = state.menu
-    by: Literal["distance", "name"] = menu.by if menu is not None else "distance" if _pose(state) else "name"
+    if menu is not None and menu.by == "privacy":
+        return privacy_menu.moved(state, step, now_s + OPEN_FOR_S)
+    by: Literal["distance", "name"] = "distance" if _pose(state) else "name"
+    if menu is not None:
+        by = "distance" if menu.by == "distance" else "name"
     pois = places(state, by)
     if not pois:
         return replace(state, menu=None), (Notice(TEXTS[state.settings.cues.language]["menu_empty"], answers=True),)
     ids = [poi.id for poi in pois]
-    if menu is None or menu.poi_id not in ids:
+    if menu is None or menu.entry_id not in ids:
         # The way back into the list begins at its end.
         at = len(pois) - 1 if step < 0 else 0
     else:
-        at = (ids.index(menu.poi_id) + step) % len(pois)
+        at = (ids.index(menu.entry_id) + step) % len(pois)
     return _named(replace(state, menu=Menu(ids[at], by, now_s + OPEN_FOR_S)), pois, at, opened=menu is None)
 
 
 def _changed_order(state: DeviceState, now_s: float) -> Step:
-    """Sort the list by the other key, and begin again at its first place."""
-    by_name = state.menu is not None and state.menu.by == "distance"
-    by: Literal["distance", "name"] = "name" if by_name or not _pose(state) else "distance"
+    """Go to the next list, and begin at its first entry: places by distance, by name, and then privacy."""
+    before = state.menu.by if state.menu is not None else "privacy"
+    if before == "name":
+        return privacy_menu.opened(state, now_s + OPEN_FOR_S)
+    by: Literal["distance", "name"] = "name" if before == "distance" or not _pose(state) else "distance"
+    state = replace(state, menu=None)
     pois = places(state, by)
     if not pois:
         return _browse(state, now_s)

@@ -8,7 +8,9 @@ from dataclasses import dataclass, replace
 import msgspec
 
 from device_agent.ports import ButtonPress
+from device_agent.privacy import taken
 from device_agent.settings_trial import apply_settings, keep_settings
+from device_agent.sharing import Consent, LinkStands
 from device_agent.state import (
     BlockedPlace,
     DeviceState,
@@ -29,7 +31,9 @@ from navcore.cues.texts import TEXTS
 from navcore.obstacle.memory import ObstacleMemory
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
+    Accesses,
     ApplySettings,
+    AskColour,
     BeginMapWalk,
     ClearDestination,
     ConsoleMessage,
@@ -43,6 +47,7 @@ from navcore.wire import (
     Resume,
     Say,
     SetDestination,
+    Watchers,
 )
 
 
@@ -53,7 +58,7 @@ class Lead:
     poi_id: str
 
 
-Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress
+Order = ConsoleMessage | PreparedMap | MapWalkTold | Lead | ButtonPress | LinkStands | Consent
 """What the agent takes between two frames; what a press means is decided in :mod:`device_agent.menu`."""
 _JUST_AHEAD_M = 0.3
 _OF_THE_MAP_BEFORE = Outdated(frozenset({CueKind.MAP_NEWS, CueKind.MAP_ADVICE}))
@@ -70,7 +75,11 @@ _WISHES: dict[type[ConsoleMessage], StateEvent] = {
 """What is wished for with an order that says nothing else."""
 
 
-def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkTold | Lead, now_s: float) -> Step:
+def carry_out(
+    state: DeviceState,
+    order: ConsoleMessage | PreparedMap | MapWalkTold | Lead | LinkStands | Consent,
+    now_s: float,
+) -> Step:
     """Return the state after an order, and what is to be done."""
     match order:
         case Lead():
@@ -81,6 +90,8 @@ def carry_out(state: DeviceState, order: ConsoleMessage | PreparedMap | MapWalkT
             return happen(state, _WISHES[type(order)], now_s, by=By.CONSOLE)
         case Say():
             return state, (Notice(order.text), Happened("cue", f"Message: {order.text}"[:500]))
+        case Watchers() | AskColour() | Accesses() | LinkStands() | Consent():
+            return taken(state, order, now_s)
         case ApplySettings():
             return apply_settings(state, order, now_s)
         case KeepSettings():

@@ -1,7 +1,10 @@
 """What waits to be sent to the console, and in which order it goes.
 
-What is kept goes in order; of states, of what a map walk sees, and of depth images the newest is sent, as often as the
+What is kept goes in order; of states, of what a map walk sees, and of pictures the newest is sent, as often as the
 message table allows (:data:`navcore.wire.MESSAGES`). Nothing here grows without bound, and no method waits.
+
+No picture leaves the device but by here, and none that the walker does not share: what was told to the console of it
+last (:class:`~navcore.wire.SharingRunning`) decides, and before it was told, nothing goes.
 """
 
 from __future__ import annotations
@@ -14,7 +17,15 @@ import msgspec
 
 from device_agent.ports import KeptMessage
 from navcore.types import Frame
-from navcore.wire import MESSAGES, DepthImage, MapWalkRunning, MapWalkSeen, WalkerState
+from navcore.wire import (
+    MESSAGES,
+    ColourImage,
+    DepthImage,
+    MapWalkRunning,
+    MapWalkSeen,
+    SharingRunning,
+    WalkerState,
+)
 from navcore.wire_pace import Pace
 
 MAX_KEPT = 256
@@ -25,7 +36,11 @@ Newest = WalkerState | MapWalkSeen
 """What is replaced by the next of its kind while it is not sent yet."""
 
 
-def _pace_of(message: type[Newest] | type[DepthImage]) -> Pace:
+ImageMessage = DepthImage | ColourImage
+"""A picture for the console, made of a frame when it goes."""
+
+
+def _pace_of(message: type[Newest] | type[ImageMessage]) -> Pace:
     rate_hz = MESSAGES[message].rate_hz
     assert rate_hz is not None
     return Pace(rate_hz)
@@ -42,14 +57,18 @@ class Outbox:
         self._latest: dict[type, KeptMessage] = {}
         self._newest: dict[type[Newest], Newest] = {}
         self._paces = {kind: _pace_of(kind) for kind in (WalkerState, MapWalkSeen)}
-        self._frame: Frame | None = None
-        self._frame_pace = _pace_of(DepthImage)
+        self._frames: dict[type[ImageMessage], Frame] = {}
+        self._frame_paces = {kind: _pace_of(kind) for kind in (DepthImage, ColourImage)}
+        self._shared: frozenset[type[ImageMessage]] = frozenset()
 
     def keep(self, message: KeptMessage) -> None:
         """Add a message that is kept until it is sent, and of which the newest of its kind is sent at each joining."""
         with self._lock:
             self._kept.append(message)
             self._latest[type(message)] = message
+            if isinstance(message, SharingRunning):
+                self._shared = _shared_by(message)
+                self._frames = {kind: frame for kind, frame in self._frames.items() if kind in self._shared}
         self.on_filled()
 
     def offer(self, message: Newest) -> None:
@@ -58,10 +77,12 @@ class Outbox:
             self._newest[type(message)] = message
         self.on_filled()
 
-    def offer_frame(self, frame: Frame) -> None:
-        """Replace the depth image that is not sent yet."""
+    def offer_frame(self, kind: type[ImageMessage], frame: Frame) -> None:
+        """Replace the picture of this kind that is not sent yet; nothing where the walker does not share it."""
         with self._lock:
-            self._frame = frame
+            if kind not in self._shared:
+                return
+            self._frames[kind] = frame
         self.on_filled()
 
     def joined(self) -> None:
@@ -76,7 +97,7 @@ class Outbox:
             self._kept.extendleft(reversed(missed))
             self._kept = deque(map(_without_refusal, self._kept), MAX_KEPT)
             self._newest.clear()
-            self._frame = None
+            self._frames.clear()
 
     def next_kept(self) -> KeptMessage | None:
         """Take the oldest kept message."""
@@ -98,21 +119,27 @@ class Outbox:
                     return self._newest.pop(kind)
         return None
 
-    def next_frame(self, now_s: float) -> Frame | None:
-        """Take the newest depth image when one is due."""
+    def next_frame(self, kind: type[ImageMessage], now_s: float) -> Frame | None:
+        """Take the newest frame for a picture of this kind when one is due."""
         with self._lock:
-            if self._frame is None or self._frame_pace.wait_s(now_s) > 0:
+            if kind not in self._frames or self._frame_paces[kind].wait_s(now_s) > 0:
                 return None
-            self._frame_pace.went(now_s)
-            frame, self._frame = self._frame, None
-            return frame
+            self._frame_paces[kind].went(now_s)
+            return self._frames.pop(kind)
 
     def wait_s(self, now_s: float) -> float | None:
         """Return how long until a newest message or an image that waits is due; None when none waits."""
         with self._lock:
             waits = [self._paces[kind].wait_s(now_s) for kind in self._newest]
-            waits += [self._frame_pace.wait_s(now_s)] if self._frame is not None else []
+            waits += [self._frame_paces[kind].wait_s(now_s) for kind in self._frames]
         return max(0.0, min(waits)) if waits else None
+
+
+def _shared_by(sharing: SharingRunning) -> frozenset[type[ImageMessage]]:
+    """Return the pictures that may go."""
+    silhouettes: tuple[type[ImageMessage], ...] = (DepthImage,) if sharing.silhouettes else ()
+    colour: tuple[type[ImageMessage], ...] = (ColourImage,) if sharing.colour_for else ()
+    return frozenset(silhouettes + colour)
 
 
 def _without_refusal(message: KeptMessage) -> KeptMessage:

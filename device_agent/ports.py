@@ -15,11 +15,21 @@ from navcore.cues.overlay_display import DisplayGeometry
 from navcore.cues.table import Cue
 from navcore.settings import Settings
 from navcore.types import CameraIntrinsics, FisheyeImage, Frame, Localization, SonarReading
-from navcore.wire import GraphRunning, MapRunning, MapWalkRunning, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import (
+    GraphRunning,
+    MapRunning,
+    MapWalkRunning,
+    RouteChanged,
+    SettingsRunning,
+    SharingRunning,
+    WalkerState,
+)
 
-KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning | MapWalkRunning
-"""What tells the console which of its orders runs."""
-EventKind = Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
+KeptMessage = RouteChanged | SettingsRunning | GraphRunning | MapRunning | MapWalkRunning | SharingRunning
+"""What tells the console which of its orders runs, and what the walker shares."""
+EventKind = Literal[
+    "cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button", "privacy"
+]
 
 
 class Clock(Protocol):
@@ -204,7 +214,11 @@ class Uplink(Protocol):
         ...
 
     def depth_image(self, frame: Frame) -> None:
-        """Offer the newest depth image; the first thing to be dropped."""
+        """Offer the newest depth image; the first thing to be dropped. It goes only while the walker shares it."""
+        ...
+
+    def colour_image(self, frame: Frame) -> None:
+        """Offer the newest colour picture. It goes only while the walker lets somebody see it."""
         ...
 
     def message(self, message: KeptMessage) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
 
@@ -89,12 +90,17 @@ class WalkQueue:
 
     kind: RecordingKind = "walk"
 
-    def __init__(self, folder: Path) -> None:
-        """``folder`` is where the recorder writes."""
-        self._folder = folder
+    def __init__(self, folder: Path, is_shared: Callable[[], bool]) -> None:
+        """``folder`` is where the recorder writes; ``is_shared`` tells whether the walker shares them just now."""
+        self._folder, self._is_shared = folder, is_shared
 
     def waiting(self) -> tuple[Path, ...]:
-        """Return the files of walks that are complete, or that nobody completes any more, oldest first."""
+        """Return the files of walks that are complete, or that nobody completes any more, oldest first.
+
+        None wait while the walker shares none.
+        """
+        if not self._is_shared():
+            return ()
         try:
             files = parts_in(self._folder)
         except InputError:

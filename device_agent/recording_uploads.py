@@ -40,7 +40,7 @@ class RecordingUploads:
         """Put it together.
 
         Args:
-            settings: where the console, the map walks, and the walks that are shared are.
+            settings: where the console, the map walks, and the recorded walks are.
             waits: set when there is another recording.
             until_quiet: returns once nothing more urgent is to be sent.
             pause_s: how long to wait after so many failures in a row.
@@ -51,7 +51,7 @@ class RecordingUploads:
         if settings.map_walks is not None:
             self._queues.append(MapWalkQueue(settings.map_walks))
         if settings.walks is not None:
-            self._queues.append(WalkQueue(settings.walks))
+            self._queues.append(WalkQueue(settings.walks, settings.shares_walks))
         self._console = MapSource(settings.url, settings.token, settings.tls)
         self._waits, self._until_quiet = waits, until_quiet
         self._pause_s, self._wait, self._tell = pause_s, wait, tell

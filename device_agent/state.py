@@ -9,8 +9,9 @@ from typing import Literal
 
 from device_agent.load_plan import LoadLevel
 from device_agent.ports import EventKind, KeptMessage, LocalizerPort
+from device_agent.sharing import Consent, Privacy
 from navcore.calibration import Calibration
-from navcore.cues.table import CueKind
+from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS, Language
 from navcore.modes import ON_THE_WAY, Mode
 from navcore.obstacle.approach import RecentScans
@@ -22,6 +23,7 @@ from navcore.planning.way_finding import Blockage, WayFinder
 from navcore.settings import Settings
 from navcore.site import Site
 from navcore.types import Guidance, Localization, Pose2D, Route
+from navcore.wire import Accesses
 
 TrailPoint = tuple[float, float, float]
 """Stamp (s), x and y (m) of the walker."""
@@ -64,11 +66,11 @@ class PreparedMap:
 
 @dataclass(frozen=True, slots=True)
 class Menu:
-    """Where the walker is in the list of places."""
+    """Where the walker is in a list: of places, or of what concerns privacy."""
 
-    poi_id: str
-    """The place that was named last."""
-    by: Literal["distance", "name"]
+    entry_id: str
+    """What was named last: a PoI, or an entry of :mod:`device_agent.privacy_menu`."""
+    by: Literal["distance", "name", "privacy"]
     until_s: float
     """Nobody remembers an open menu for ever: it closes by itself."""
 
@@ -161,6 +163,8 @@ class DeviceState:
     """A published PoI-graph that is taken at the next stop."""
     waiting_map: PreparedMap | None = None
     """A map that is swapped in at the next stop."""
+    privacy: Privacy = field(default_factory=Privacy)
+    """Who sees the walker, and what they allow."""
 
     @property
     def purpose(self) -> Mode:
@@ -271,9 +275,30 @@ class SwapMap:
     prepared: PreparedMap
 
 
+@dataclass(frozen=True, slots=True)
+class StoreConsent:
+    """What the walker shares is to be kept on disk."""
+
+    consent: Consent
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StoreAccesses:
+    """Who has watched, and looked at what is kept, is to be kept on disk."""
+
+    accesses: Accesses
+
+
+@dataclass(frozen=True, slots=True)
+class SoundSign:
+    """A tone that is none of guidance is to be heard, where no words are heard just now."""
+
+    tone: Cue
+
+
 Effect = (
     KeptMessage | Notice | SayAgain | Outdated | MarkPlace | Happened | StoreGraph | RunSettings | StoreSettings
-    | SwapMap
+    | StoreConsent | StoreAccesses | SoundSign | SwapMap
 )  # fmt: skip
 """What a step asks the agent to do in the world."""
 Step = tuple[DeviceState, tuple[Effect, ...]]

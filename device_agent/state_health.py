@@ -10,6 +10,7 @@ import errno
 import os
 import pwd
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 from device_agent.device_store import DeviceStore
@@ -35,7 +36,11 @@ def refuse_unwritable(folder: Path) -> None:
 def damages(store: DeviceStore) -> list[InputError]:
     """Return what is kept there and cannot be read, but for the calibration, which has a history of its own."""
     found = []
-    for look in (store.stored_settings, lambda: refuse_damaged(store.journal_path)):
+    looks: tuple[Callable[[], object], ...] = (
+        store.stored_settings, store.load_consent, lambda: store.load_accesses(0.0),
+        lambda: refuse_damaged(store.journal_path),
+    )  # fmt: skip
+    for look in looks:
         try:
             look()
         except InputError as error:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from device_agent.adapters.keyboard_buttons import KEY_NAMES
-from device_agent.menu import MAIN_LONG, MAIN_SHORT, OTHERS, Meaning
+from device_agent.menu import ANSWERS, MAIN_LONG, MAIN_SHORT, OTHERS, Meaning
 from device_agent.ports import Button, PressKind
 from device_agent.states import EVENT_SOURCES, STATES, WISHES, StateAction, StateEvent, Transition
 from navcore.cues.texts import TEXTS
@@ -146,6 +146,11 @@ def _buttons() -> list[str]:
     lines += [f"| {mode.value} | {_meaning(MAIN_SHORT[mode])} | {_meaning(MAIN_LONG[mode])} |" for mode in MAIN_SHORT]
     lines += [
         "",
+        "Holding *next* goes from the places by distance to those by name, and on to privacy: who watches, who has",
+        "looked, and what the console gets; there the main button does what was named last. While somebody at the",
+        f"console asks to see colour pictures, {_answer_keys(True)} allows it for a minute, and {_answer_keys(False)}",
+        f"refuses it; while they see them, {_answer_keys(False)} ends it ([privacy.md](privacy.md)).",
+        "",
         "Off duty, *main* held asks whether a sighted person wants to record a map; *next* within half a minute begins",
         f"the [map walk](map_walk.md), and any other press does not. In `{Mode.MAPPING.value}` nobody is led.",
         "",
@@ -157,6 +162,10 @@ def _buttons() -> list[str]:
         "",
     ]
     return lines
+
+
+def _answer_keys(allowed: bool) -> str:
+    return " or ".join(f"*{button.value}* held" for (button, _), meaning in ANSWERS.items() if meaning is allowed)
 
 
 def _row(button: Button) -> str:

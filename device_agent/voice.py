@@ -10,7 +10,7 @@ from device_agent.state import DeviceState, Notice
 from device_agent.states import may_be_told
 from navcore.cues.bus import CueBus
 from navcore.cues.memory import AT_REST, CueMemory
-from navcore.cues.speech import cues_for, forget, repeat_last, say
+from navcore.cues.speech import cues_for, forget, repeat_last, say, sound
 from navcore.cues.table import Cue, CueKind
 from navcore.modes import Mode
 from navcore.settings import Settings
@@ -63,6 +63,11 @@ class Voice:
         """Speak a sentence as soon as nothing more important is heard; return what is played now."""
         kind = notice.kind or (CueKind.ANSWER if notice.answers else CueKind.MESSAGE)
         cues, self._memory = say(notice.text, self._memory, settings, now_s, kind)
+        return self._played(cues, now_s)
+
+    def sound(self, tone: Cue, settings: Settings, now_s: float) -> tuple[Cue, ...]:
+        """Play a tone that is none of guidance, unless words are heard just now; return what is played."""
+        cues, self._memory = sound(tone, self._memory, settings, now_s)
         return self._played(cues, now_s)
 
     def repeat(self, state: DeviceState, otherwise: str, now_s: float) -> tuple[Cue, ...]:

@@ -1,13 +1,16 @@
-"""The depth image as a small picture for the console: shapes by distance, no colours of people or places."""
+"""Small pictures for the console: the depth image as shapes by distance, without colours of people or places; and,
+where the walker allows it, what the camera sees.
+"""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from navcore.types import DepthImage
+from navcore.types import DepthImage, ImageRgb
 
 SIZE_PX = (160, 120)
+COLOUR_LONGEST_PX = 320
 JPEG_QUALITY = 60
 NEAR_M, FAR_M = 0.3, 6.0
 
@@ -31,4 +34,14 @@ def silhouette_jpeg(depth_m: DepthImage) -> bytes:
     levels = np.where(known, 1 + share * 254, 0).astype(np.uint8)
     picture = cv2.applyColorMap(levels, _PALETTE_BGR)
     _, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    return jpeg.tobytes()
+
+
+def colour_jpeg(colour_rgb: ImageRgb) -> bytes:
+    """Return a JPEG of a colour image (h, w, 3), its longer side at most 320 pixels."""
+    height_px, width_px = colour_rgb.shape[:2]
+    share = min(1.0, COLOUR_LONGEST_PX / max(height_px, width_px))
+    size_px = (max(1, round(width_px * share)), max(1, round(height_px * share)))
+    small = cv2.resize(colour_rgb, size_px, interpolation=cv2.INTER_AREA)
+    _, jpeg = cv2.imencode(".jpg", cv2.cvtColor(small, cv2.COLOR_RGB2BGR), [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
     return jpeg.tobytes()

@@ -38,6 +38,9 @@ Point2 = tuple[float, float]
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 """As far as every database and language in use counts exactly."""
+MAX_NAMES_COUNT = 20
+Names = Annotated[tuple[ShortText, ...], msgspec.Meta(max_length=MAX_NAMES_COUNT)]
+MAX_ACCESSES_COUNT = 40
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
@@ -127,6 +130,32 @@ class DepthImage(_Message, frozen=True, tag="depth_image"):
     jpeg: Annotated[bytes, msgspec.Meta(max_length=200_000)]
 
 
+class ColourImage(_Message, frozen=True, tag="colour_image"):
+    """What the camera sees, in colour (JPEG): only while the walker allows it, and nobody keeps it."""
+
+    stamp_s: Finite
+    jpeg: Annotated[bytes, msgspec.Meta(max_length=100_000)]
+
+
+class SharingRunning(_Message, frozen=True, tag="sharing_running"):
+    """What the walker lets be seen, and of whom they have heard that they watch; also the answer to AskColour."""
+
+    silhouettes: bool
+    """Depth images may go to the console."""
+    walks: bool
+    """Recordings of walks may go to the console."""
+    told: Names = ()
+    """Of whom the walker has heard that they watch, and not yet that they have gone."""
+    colour_for: ShortText = ""
+    """Who may see colour pictures now; nobody where it is empty."""
+    colour_until_s: Finite | None = None
+    """Until when, on the device's clock."""
+    answered_id: Count = 0
+    """The request for colour that was answered last."""
+    refusal: Text = ""
+    """Why that request is not granted; empty where it is, or was."""
+
+
 class RouteChanged(_Message, frozen=True, tag="route"):
     """The planned route, or an empty one."""
 
@@ -144,7 +173,9 @@ class Event(_Message, frozen=True, tag="event"):
 
     sequence: Count
     stamp_s: Finite
-    kind: Literal["cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button"]
+    kind: Literal[
+        "cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button", "privacy"
+    ]
     text: Text
 
 
@@ -261,6 +292,44 @@ class Say(_Message, frozen=True, tag="say"):
     text: Text
 
 
+class Watchers(_Message, frozen=True, tag="watchers"):
+    """Who watches the walker now."""
+
+    names: Names
+
+
+class AskColour(_Message, frozen=True, tag="ask_colour"):
+    """Ask the walker to let somebody see colour pictures for a minute."""
+
+    request_id: Count
+    """Names this request in the answer."""
+    who: ShortText
+    why: ShortText = ""
+
+
+class Access(msgspec.Struct, frozen=True, array_like=True):
+    """That somebody has watched the walker, or looked at what is kept of them."""
+
+    who: ShortText
+    what: Literal["watch", "past_walk", "incident", "colour", "export"]
+    began_s: Finite
+    """Unix time."""
+    ended_s: Finite
+    """Unix time; the same as ``began_s`` for what has no length."""
+    about_s: Finite | None = None
+    """When that walk or incident was (Unix time), where it is known."""
+
+
+class Accesses(_Message, frozen=True, tag="accesses"):
+    """Who has watched this walker, and who has looked at what is kept of them: the latest, oldest first."""
+
+    entries: Annotated[tuple[Access, ...], msgspec.Meta(max_length=MAX_ACCESSES_COUNT)]
+    now_s: Finite
+    """The time of day as this is sent (Unix time)."""
+    utc_offset_s: Finite = 0.0
+    """What the clocks on the wall show more than UTC."""
+
+
 class ApplySettings(_Message, frozen=True, tag="apply_settings"):
     """Run these settings: all of them or, where one is refused, none."""
 
@@ -313,11 +382,11 @@ class Ping(_Message, frozen=True, tag="ping"):
 
 DeviceMessage = (
     Hello | WalkerState | DepthImage | RouteChanged | Event | SettingsRunning | GraphRunning | MapRunning
-    | MapWalkRunning | MapWalkSeen | Pong
+    | ColourImage | SharingRunning | MapWalkRunning | MapWalkSeen | Pong
 )  # fmt: skip
 ConsoleMessage = (
     Welcome | SetDestination | ClearDestination | Pause | Resume | Repeat | Say | ApplySettings | PublishGraph
-    | MapAvailable | BeginMapWalk | EndMapWalk | EventConfirmed | Ping | KeepSettings
+    | MapAvailable | BeginMapWalk | EndMapWalk | Watchers | AskColour | Accesses | EventConfirmed | Ping | KeepSettings
 )  # fmt: skip
 
 _UP, _DOWN = Direction.UP, Direction.DOWN
@@ -330,11 +399,13 @@ _ROWS = (
     MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
     MessageRow(MapWalkRunning, _UP, 4, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(SharingRunning, _UP, 6, "on change", None, 2, Delivery.KEPT, 8 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
-    MessageRow(Event, _UP, 2, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
+    MessageRow(Event, _UP, 6, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
     MessageRow(WalkerState, _UP, 6, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
+    MessageRow(ColourImage, _UP, 6, "while it is allowed", 1.0, 6, Delivery.SPARE, 128 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
@@ -346,9 +417,12 @@ _ROWS = (
     MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(AskColour, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(Watchers, _DOWN, 6, "on change", None, 2, Delivery.KEPT, 16 * _KIB),
     MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
     MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
+    MessageRow(Accesses, _DOWN, 6, "on change", None, 4, Delivery.KEPT, 32 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),
 )
 MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})

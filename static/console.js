@@ -16,6 +16,7 @@ import { attempt, toast } from "./toast.js";
 import { tourOnFirstVisit } from "./tour.js";
 import { TracePanel } from "./trace.js";
 import { Walker } from "./walker.js";
+import { WatchersPanel } from "./watchers.js";
 
 const me = await start();
 const graph = new Graph(showGraph);
@@ -26,6 +27,7 @@ const actions = new Actions({ mayEdit: me.mayEdit, placeName: (id) => graph.poi(
 const scene = new SceneAge($("scene-part"), $("scene"), $("scene-freshness"));
 const asked = new URLSearchParams(location.search).get("device");
 let wantedDevice = asked ?? sessionStorage.getItem("device") ?? "";
+const watchers = new WatchersPanel($("watchers"), { me: me.name, ask: (why) => attempt(() => post(`/api/devices/${encodeURIComponent(device.id)}/colour`, { why })) });
 const trace = new TracePanel($("panel-trace"));
 let device = null;
 let captureToScreen_s = null;
@@ -59,6 +61,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   showPlots(data, elapsed_s);
   for (const [section, part] of [["plots-section", device?.state], ["figures-section", device?.state], ["depth-section", device?.depth_stamp_s]]) $(section).hidden = (part ?? null) === null;
   scene.show(data.limits, link.consoleTime());
+  watchers.show(device, { elapsed_s, linked });
   showVersions({
     draft: data.draft_version, published: data.published_version, undo: data.can_undo, redo: data.can_redo,
     device: device && { name: device.name, runs: device.graph_version, refusal: device.graph_refusal },
@@ -215,7 +218,7 @@ function redrawPlaces() {
 }
 
 await graph.fetch();
-const link = follow(showLive, () => `devices=one&device=${encodeURIComponent(wantedDevice)}`);
+const link = follow(showLive, () => `devices=one&device=${encodeURIComponent(wantedDevice)}`, () => (device ? [device.id] : []));
 if (asked) sessionStorage.setItem("device", asked);
 tellScene();
 

@@ -7,16 +7,19 @@ import { toast } from "./toast.js";
 
 const RETRY_MS = [500, 1000, 2000, 4000];
 const SILENT_AFTER_S = 3;
+const SAY_EVERY_MS = 3000;
 const TICK_MS = 250;
 const ASK_CLOCK_MS = [200, 400, 800, 2000];
 const SIGNED_OUT = 4401;
 
 /**
  * Hear the stream at `path()`, asked for anew at each connecting. `take(data, page_received_s)` hears each message, `draw(link)` follows each
- * and four times a second in between. Returns the link: what is known of the console, and `reconnect()`.
+ * and four times a second in between. `watching()` returns the ids of the devices whose walkers the page shows now: of these it is sent
+ * everything, and the walkers are told who watches; nobody watches by a page that cannot be seen. Returns the link: what is known of the
+ * console, and `reconnect()`.
  */
-export function listen(path, { take, draw }) {
-  const link = new Link(path, take, draw);
+export function listen(path, { take, draw, watching = () => [] }) {
+  const link = new Link(path, take, draw, watching);
   link.connect();
   setInterval(() => link.tick(), TICK_MS);
   // A tab that was asleep shows what it had, and dates it, before anything else.
@@ -26,8 +29,10 @@ export function listen(path, { take, draw }) {
 }
 
 class Link {
-  constructor(path, take, draw) {
-    Object.assign(this, { path, take, draw });
+  constructor(path, take, draw, watching) {
+    Object.assign(this, { path, take, draw, watching });
+    this.said = "";
+    this.saidAt = 0;
     this.console = new ConsoleClock();
     this.heardAt_s = null;
     this.failures = 0;
@@ -37,6 +42,7 @@ class Link {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     const socket = new WebSocket(`${scheme}://${location.host}${this.path()}`);
     this.socket = socket;
+    this.said = "";
     let opened = false;
     socket.onopen = () => {
       opened = true;
@@ -80,6 +86,17 @@ class Link {
     if (this.heardAt_s === null) return;
     showLink(this.isLinked, this.silence_s);
     this.draw(this);
+    this.say();
+  }
+
+  /** Say which walkers are shown now, at once where that is news. */
+  say() {
+    if (this.socket.readyState !== WebSocket.OPEN) return;
+    const text = JSON.stringify({ type: "watching", watching: document.hidden ? [] : this.watching() });
+    if (text === this.said && performance.now() - this.saidAt < SAY_EVERY_MS) return;
+    this.socket.send(text);
+    this.said = text;
+    this.saidAt = performance.now();
   }
 
   /** How long the console has said nothing. */
@@ -104,13 +121,15 @@ class Link {
 /**
  * Follow the whole picture. Call `show(data, elapsed_s, linked, doubt_s)` at each message and in between. `elapsed_s` is how long ago the
  * console made the picture: add it to every age. `data.roster` is who is there, and what they run. `doubt_s` is how much longer it may be, null while nobody knows. `linked` is false once the
- * console has gone silent. `devices()` says whose whole picture is wanted: "devices=one&device=glasses", "devices=none", or all.
+ * console has gone silent. `devices()` says whose whole picture is wanted: "devices=one&device=glasses", "devices=none", or all;
+ * `watching()` which of these walkers are shown.
  */
-export function follow(show, devices = () => "") {
+export function follow(show, devices = () => "", watching = () => []) {
   let data = null;
   let roster = [];
   let receivedAt_s = 0;
-  const link = listen(() => `/live?${devices()}`, {
+  const link = listen(() => `/live?says=1&${devices()}`, {
+    watching,
     take(picture, page_s) {
       roster = picture.roster ?? roster;
       data = { ...picture, roster };

@@ -159,5 +159,5 @@ async function fetchRecordings() {
 
 await fetchRecordings();
 setInterval(() => fetchRecordings().catch(() => {}), RECORDINGS_EVERY_MS);
-follow(showLive);
+follow(showLive, () => (device ? [device.id] : []));
 ready();

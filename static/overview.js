@@ -16,7 +16,8 @@ let receivedAt_s = 0;
 let limits = null;
 let isUnfolding = true; // the first rows come in several messages
 
-listen(() => "/live/overview", {
+listen(() => "/live/overview?says=1", {
+  watching: () => [...rows.keys()],
   take(data, page_s) {
     now_s = data.now_s;
     receivedAt_s = page_s;

@@ -2,6 +2,7 @@
 
 import { $, el, icon, setText } from "./dom.js";
 import { toast } from "./toast.js";
+import { TracePanel } from "./trace.js";
 import { SPEEDS, WalkPlayer } from "./walk_player.js";
 import { WalkPlan } from "./walk_plan.js";
 import { marksList, sayTime, Strip } from "./walk_strip.js";
@@ -23,9 +24,11 @@ export function openWalk(id, walk, graph) {
   $("no-depth").hidden = summary.has_pictures;
   document.title = `${way} · Walks · Virtual blind road`;
 
+  const depthUrl = ({ depth_at_s }) => `/api/walks/${encodeURIComponent(id)}/depth.jpg?at=${depth_at_s}`;
+  const trace = new TracePanel($("past-trace"));
   const walker = new Walker(
     { now: $("past-now"), figures: $("past-figures"), depth: summary.has_pictures ? $("past-depth") : null, events: $("past-events") },
-    { prefix: "past-", depthUrl: (view) => `/api/walks/${encodeURIComponent(id)}/depth.jpg?at=${view.depth_at_s}` });
+    { prefix: "past-", depthUrl });
   const plan = new WalkPlan($("walk-plan"), $("walk-layers"), graph, "Floor plan with the road, the route, the walker's trail by its distance from the route, and the walker at this instant.", "walk");
   const strip = new Strip($("strip"), (at_s) => player.seek(at_s));
   const player = new WalkPlayer({ id, length_s: walk.length_s, cycle_s: walk.cycle_s }, {
@@ -39,6 +42,7 @@ export function openWalk(id, walk, graph) {
       setText($("past-mark"), `Past walk: ${clock(instant.at_s, true)}`);
       // In its own time everything here is fresh: the banner and the frame say that it is past.
       walker.show({ ...view, depth_at_s: instant.depth_at_s }, { elapsed_s: 0, age_s: view.age_s, fresh: "live", poi: (poi) => graph.poi(poi) });
+      trace.show({ ...view, depth_url: depthUrl(instant) }, { elapsed_s: 0, fresh: "live" });
       plan.place(view.state?.pose ?? null, view.state?.quality === "localized");
     },
     changed: () => showPlaying(player),

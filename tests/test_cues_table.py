@@ -22,6 +22,8 @@ NEEDED_TO_BE_SAFE = {
     CueKind.HAZARD_AHEAD, CueKind.CAUTION_SIDE, CueKind.NARROW_PASSAGE, CueKind.MESSAGE, CueKind.ANSWER,
     # Of a map walk; to the sighted, but whoever is led later walks by its map.
     CueKind.MAP_ADVICE, CueKind.MAP_NEWS,
+    # Not of safety, but nobody is to be watched without knowing.
+    CueKind.WATCHED, CueKind.CONSENT, CueKind.COLOUR_SIGN,
 }  # fmt: skip
 
 

@@ -17,6 +17,7 @@ from device_agent.adapters.clocks import FakeClock
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
 from device_agent.link_settings import LinkSettings
+from device_agent.sharing import LinkStands
 from navcore.types import Frame
 from navcore.wire import (
     PROTOCOL_VERSION,
@@ -32,6 +33,7 @@ from navcore.wire import (
     RouteChanged,
     SetDestination,
     SettingsRunning,
+    SharingRunning,
     WalkerState,
     decode_from_device,
     encode,
@@ -43,15 +45,19 @@ class Device:
     """The device's side of the link, as the link asks for it."""
 
     orders: list[ConsoleMessage] = field(default_factory=list)
+    links: list[bool] = field(default_factory=list)
     maps: list[tuple[Path, str]] = field(default_factory=list)
     changed: threading.Condition = field(default_factory=threading.Condition)
 
     def hello(self) -> Hello:
         return Hello(PROTOCOL_VERSION, "glasses", "0.1.0", "small", "c0ffee", 3, 7, 100.0)
 
-    def submit(self, order: ConsoleMessage) -> None:
+    def submit(self, order: ConsoleMessage | LinkStands) -> None:
         with self.changed:
-            self.orders.append(order)
+            if isinstance(order, LinkStands):
+                self.links.append(order.joined)
+            else:
+                self.orders.append(order)
             self.changed.notify_all()
 
     def map_arrived(self, staging: Path, checksum: str) -> None:
@@ -111,7 +117,7 @@ def test_joins_with_a_hello_and_answers_a_ping_with_both_clocks(console: Console
 
 
 def test_the_log_says_that_the_console_went_and_came_back(
-    console: Console, link: ConsoleLink, caplog: pytest.LogCaptureFixture
+    console: Console, link: ConsoleLink, device: Device, caplog: pytest.LogCaptureFixture
 ) -> None:
     def logged() -> list[str]:
         # As `vbr logs` has them: what is told the console, with its kind.
@@ -124,6 +130,7 @@ def test_the_log_says_that_the_console_went_and_came_back(
         console.start()
         console.wait_for(lambda: [event.text for event in console.stored].count("Joined the console.") == 2)
     assert logged() == ["The console is gone.", "Joined the console."]
+    assert device.links == [True, False, True], "who may see pictures by a connection sees none without it"
 
 
 def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, device: Device) -> None:
@@ -440,7 +447,8 @@ def test_a_network_that_takes_nothing_does_not_keep_the_machine_busy(journal: Ev
 
     link = make_link("ws://127.0.0.1:9", journal, tmp_path)
     own_loop = link._loop
-    link._outbox.offer_frame(Frame(100.0, np.zeros((2, 2, 3), np.uint8), np.ones((2, 2), np.float32)))
+    link.message(SharingRunning(True, False))
+    link.depth_image(Frame(100.0, np.zeros((2, 2, 3), np.uint8), np.ones((2, 2), np.float32)))
     asyncio.run(send_for_a_while())
     own_loop.close()
     assert 1 <= len(asked) <= 30

@@ -113,11 +113,13 @@ def test_the_list_goes_round_and_names_last_what_cannot_be_reached() -> None:
     assert [poi.id for poi in places(standing(), "name")] == ["annex", "hall", "loft", "bar", "wash"], "as it is called"
 
 
-def test_a_held_next_sorts_by_name_and_again_by_distance() -> None:
+def test_a_held_next_sorts_by_name_then_opens_privacy_and_again_sorts_by_distance() -> None:
     step = press(standing(), Button.NEXT)
     step = press(step[0], Button.NEXT, PressKind.LONG)
     assert heard(step) == ["Places by name. Annex. 1 of 5."]
     assert heard(press(step[0], Button.NEXT)) == ["Hall, 2 metres. 2 of 5."]
+    step = press(step[0], Button.NEXT, PressKind.LONG)
+    assert heard(step) == ["Privacy. There is no link to the console. It is not known who watches."]
     assert heard(press(step[0], Button.NEXT, PressKind.LONG)) == ["Places by distance. Hall, 2 metres. 1 of 5."]
 
 
@@ -125,6 +127,8 @@ def test_a_held_next_sorts_by_name_and_again_by_distance() -> None:
 def test_without_a_sure_position_the_list_is_by_name_and_tells_no_distance(where: Localization) -> None:
     step = press(standing(Mode.LOCALIZING, where), Button.MAIN)
     assert heard(step) == ["Places by name. Annex. 1 of 5."]
+    step = press(step[0], Button.NEXT, PressKind.LONG)
+    assert heard(step)[0].startswith("Privacy.")
     assert heard(press(step[0], Button.NEXT, PressKind.LONG)) == ["Places by name. Annex. 1 of 5."]
 
 
@@ -167,8 +171,8 @@ def test_whoever_is_led_may_choose_another_place_and_is_led_on_meanwhile() -> No
 
 @pytest.mark.parametrize("mode", [Mode.OFF_DUTY, Mode.MAPPING])
 def test_where_nothing_can_be_chosen_the_reason_is_said(mode: Mode) -> None:
-    for button, kind in ((Button.NEXT, PressKind.SHORT), (Button.NEXT, PressKind.LONG)):
-        (reason,) = heard(press(standing(mode), button, kind))
+    for button in (Button.NEXT, Button.PREVIOUS):
+        (reason,) = heard(press(standing(mode), button))
         assert reason.startswith("You are off duty." if mode is Mode.OFF_DUTY else "A map is being recorded.")
 
 

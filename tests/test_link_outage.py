@@ -33,7 +33,7 @@ from device_agent.ports import Clock
 from device_agent.state_health import refuse_unwritable
 from navcore.site import Site, load_site, map_checksum, save_site
 from navcore.types import Action, Frame
-from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import ApplySettings, ClearDestination, RouteChanged, SettingsRunning, SharingRunning, WalkerState
 
 CUT_S = 600
 
@@ -127,6 +127,7 @@ def test_after_ten_minutes_without_a_network_no_event_is_missing_and_only_now_is
     link = ends.link(clock, wait, first_pause_s=0.5, longest_pause_s=30.0)
     link.start(Device())
     ends.states.joined()
+    link.message(SharingRunning(silhouettes=True, walks=False))
     link.event(clock.now_s(), "cue", "before")
     ends.shown(lambda device: any(event.text == "before" for event in device.events))
     seen: list[LiveDevice] = []
@@ -145,7 +146,7 @@ def test_after_ten_minutes_without_a_network_no_event_is_missing_and_only_now_is
             link.message(RouteChanged(now_s, ((0.0, 0.0), (1.0, 0.0)), (), "b"))
     del frame
     gc.collect()
-    assert sum(picture() is not None for picture in pictures) <= 1
+    assert sum(picture() is not None for picture in pictures) == 1
     ends.states.wait_for(lambda state: state.failure_count >= 15)
     ends.network.mend()
     over.set()

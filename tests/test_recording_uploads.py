@@ -305,19 +305,19 @@ def test_walks_go_to_the_console_by_themselves_once_and_stay_on_the_device(
     whole.write_bytes(walk)
     cut.write_bytes(walk[: len(walk) // 2])
     written.write_bytes(walk[:-100])
-    assert WalkQueue(folder).waiting() == (whole, cut)
+    assert WalkQueue(folder, lambda: True).waiting() == (whole, cut)
     sent_walks(source, folder, lambda: len(noted(folder)) == 2)
     there = {stored.entry.offer.name: stored for stored in server.services.recordings.all()}
     assert set(there) == {whole.stem, cut.stem}
     assert all(stored.complete and stored.entry.offer.kind == "walk" for stored in there.values())
     assert there[whole.stem].entry.offer.date == "2026-11-29"
     assert there[whole.stem].file.read_bytes() == walk
-    assert WalkQueue(folder).waiting() == (), "nothing is sent twice, at no later start either"
+    assert WalkQueue(folder, lambda: True).waiting() == (), "nothing is sent twice, at no later start either"
     written.write_bytes(walk)
-    assert WalkQueue(folder).waiting() == (written,)
+    assert WalkQueue(folder, lambda: True).waiting() == (written,)
     assert sorted(path.name for path in folder.glob("*.mcap")) == [whole.name, cut.name, written.name]
     (folder / SENT_FILE).write_bytes(b"\xff{")
-    assert WalkQueue(folder).waiting() == (whole, cut, written), "the console says at once what it has"
+    assert WalkQueue(folder, lambda: True).waiting() == (whole, cut, written), "the console says at once what it has"
 
 
 def test_a_walk_that_the_console_refuses_is_noted_with_the_reason_and_stops_no_other(
@@ -328,7 +328,7 @@ def test_a_walk_that_the_console_refuses_is_noted_with_the_reason_and_stops_no_o
     paths = [folder / f"20261129T1147{second}Z-glasses-001.mcap" for second in ("18", "30")]
     for path in paths:
         path.write_bytes(STORED_WALK.read_bytes())
-    settle = WalkQueue(folder).settle
+    settle = WalkQueue(folder, lambda: True).settle
     settle(paths[0], "The disk is on fire.")
     settle(folder / "20200101T000000Z-glasses-001.mcap", "")
     assert set(noted(folder)) == {paths[0].name, "20200101T000000Z-glasses-001.mcap"}

@@ -42,8 +42,13 @@ UP: list[wire.DeviceMessage] = [
     wire.MapWalkRunning(False, "Somebody is being led."),
     wire.MapWalkSeen(2.0, 10.0, 100, 2, 80, 1, 0.5, ("weak",), "weak", 1.5),
     wire.Pong(1.0, 2.0, 2.1),
+    wire.ColourImage(2.0, b"\xff\xd8"),
+    wire.SharingRunning(True, False, ("Anna",), "Anna", 62.0, 7, "The walker does not want it."),
 ]  # fmt: skip
 DOWN: list[wire.ConsoleMessage] = [
+    wire.Watchers(("Anna", "Ben")),
+    wire.AskColour(7, "Anna", "to see the door"),
+    wire.Accesses((wire.Access("Anna", "watch", 1.7e9, 1.7e9 + 60.0, 1.6e9),), 1.7e9, 3600.0),
     wire.Welcome(wire.PROTOCOL_VERSION, 5),
     wire.SetDestination("bar"),
     wire.ClearDestination(),

@@ -91,12 +91,14 @@ class Scene:
         def asked(request: ViewRequest) -> None:
             loop.call_soon_threadsafe(view.take, request)
 
+        self._services.watching.opened(view, person.user_name, says=True, counts_alone=True)
         self.views[client.client_id] = view
         self._unsubscribe[client.client_id] = self._services.views.subscribe(person.session_id, asked)
 
     async def _disconnected(self, client: viser.ClientHandle) -> None:
         view = self.views.pop(client.client_id, None)
         if view is not None:
+            self._services.watching.closed(view)
             view.leave()
         unsubscribe = self._unsubscribe.pop(client.client_id, None)
         if unsubscribe is not None:
@@ -116,18 +118,27 @@ class Scene:
                 self._trails.setdefault(device.device_id, Trail()).add(device.state)
         for view in tuple(self.views.values()):
             try:
-                view.tick(self._live_view(view.walker_panel.device_id or "", devices))
+                view.tick(self._live_view(view, devices))
             except Exception:
                 # One window that fails must not freeze the others.
                 _log.exception("A window of %s could not be brought up to date.", view.person.user_name)
 
-    def _live_view(self, device_id: str, devices: Mapping[str, LiveDevice]) -> LiveView:
+    def _watched_by(self, view: SessionView, devices: Mapping[str, LiveDevice]) -> LiveDevice | None:
+        """Return the device that a window shows, where its walker is told that it does."""
+        device = devices.get(view.walker_panel.device_id or "")
+        if device is None:
+            return None
+        self._services.watching.shows(view, frozenset({device.device_id}))
+        return device if self._services.watching.scene_sees(view, device.device_id) else None
+
+    def _live_view(self, view: SessionView, devices: Mapping[str, LiveDevice]) -> LiveView:
         now_s = self._services.hub.now_s()
-        device = devices.get(device_id)
-        others = tuple(other for key, other in devices.items() if key != device_id)
+        shown_id, device = view.walker_panel.device_id or "", self._watched_by(view, devices)
+        sees, who = self._services.watching.person_sees, view.person.user_name
+        others = tuple(other for key, other in devices.items() if key != shown_id and sees(who, key))
         if device is None:
             return LiveView(None, now_s, others=others)
-        trail = self._trails.get(device_id, _NO_TRAIL)
+        trail = self._trails.get(shown_id, _NO_TRAIL)
         return LiveView(device, now_s, self._silhouette(device), trail.points_m, trail.deviations_m, others)
 
     def _silhouette(self, device: LiveDevice) -> NDArray[np.uint8] | None:

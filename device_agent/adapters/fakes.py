@@ -257,6 +257,7 @@ class FakeUplink:
     def __init__(self) -> None:
         self.states: list[WalkerState] = []
         self.depth_images: list[Frame] = []
+        self.colour_images: list[Frame] = []
         self.messages: list[KeptMessage] = []
         self.events: list[tuple[float, EventKind, str]] = []
 
@@ -267,6 +268,10 @@ class FakeUplink:
     def depth_image(self, frame: Frame) -> None:
         """Keep it."""
         self.depth_images.append(frame)
+
+    def colour_image(self, frame: Frame) -> None:
+        """Keep it."""
+        self.colour_images.append(frame)
 
     def message(self, message: KeptMessage) -> None:
         """Keep it."""
@@ -284,6 +289,9 @@ class NoUplink:
         """Drop it."""
 
     def depth_image(self, frame: Frame) -> None:
+        """Drop it."""
+
+    def colour_image(self, frame: Frame) -> None:
         """Drop it."""
 
     def message(self, message: KeptMessage) -> None:

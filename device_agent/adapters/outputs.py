@@ -11,7 +11,7 @@ from device_agent.ports import CueOutput
 from navcore.cues.table import Cue, CueKind
 
 _FIRST_LIVE_STAMP_S = 1e9
-_TONES = (CueKind.STEER, CueKind.TICK, CueKind.OBSTACLE_BEEP)
+_TONES = (CueKind.STEER, CueKind.TICK, CueKind.OBSTACLE_BEEP, CueKind.COLOUR_SIGN)
 
 
 def cue_line(cue: Cue) -> str:

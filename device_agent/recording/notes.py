@@ -11,6 +11,7 @@ from device_agent.load_plan import LoadLevel
 from device_agent.locating import Answer, Locator, Request
 from device_agent.orders import Lead, Order
 from device_agent.ports import ButtonPress, Clock, CueOutput, DepthCamera, Sonar
+from device_agent.sharing import Consent, LinkStands
 from device_agent.state import DeviceState, MapWalkTold, PreparedMap
 from device_agent.voice import VoiceMemory
 from navcore import wire
@@ -80,6 +81,8 @@ class OrderTaken(msgspec.Struct, frozen=True):
     lead: Lead | None = None
     press: ButtonPress | None = None
     told: MapWalkTold | None = None
+    link: LinkStands | None = None
+    consent: Consent | None = None
     """None of them where an order of this kind cannot be noted: nothing after it can be replayed."""
 
     @staticmethod
@@ -94,6 +97,10 @@ class OrderTaken(msgspec.Struct, frozen=True):
             return OrderTaken(kind, press=order)
         if isinstance(order, MapWalkTold):
             return OrderTaken(kind, told=order)
+        if isinstance(order, LinkStands):
+            return OrderTaken(kind, link=order)
+        if isinstance(order, Consent):
+            return OrderTaken(kind, consent=order)
         return OrderTaken(kind, wire.encode(order) if isinstance(order, wire.ConsoleMessage) else None)
 
 

@@ -55,7 +55,8 @@ def add_recording_options(parser: argparse._ActionsContainer) -> None:
     parser.add_argument(
         "--share-walks",
         action="store_true",
-        help="send recorded walks to the console: people there see where the walker went, and what was said",
+        help="send recorded walks to the console, unless the walker has said otherwise (`vbr consent`): people there"
+        " see where the walker went, and what was said",
     )
 
 

@@ -255,6 +255,10 @@ class _RecordedUplink:
         """Pass on the newest depth image."""
         self._uplink.depth_image(frame)
 
+    def colour_image(self, frame: Frame) -> None:
+        """Pass on the newest colour picture; it is not recorded here."""
+        self._uplink.colour_image(frame)
+
     def message(self, message: KeptMessage) -> None:
         """Pass on a message."""
         self._uplink.message(message)

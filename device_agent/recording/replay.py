@@ -238,7 +238,7 @@ class _Run:
                 # What was changed on the way back then does not undo what is looked at now.
                 message = msgspec.structs.replace(message, values=message.values | dict(self._changes))
             return message
-        if (local := order.lead or order.press or order.told) is not None:
+        if (local := order.lead or order.press or order.told or order.link or order.consent) is not None:
             return local
         if order.map is None:
             raise InputError(f"An order of the kind {order.kind} cannot be replayed: replay the walk up to there.")

@@ -14,7 +14,7 @@ import msgspec
 
 from device_agent.ports import Clock, DepthCamera, EventKind, KeptMessage, Uplink
 from navcore.types import CameraIntrinsics, Frame
-from navcore.wire import RouteChanged, SettingsRunning, WalkerState
+from navcore.wire import RouteChanged, SettingsRunning, SharingRunning, WalkerState
 
 PATIENCE_S = 3.0
 """Real time after which a loop that does not come back is not merely slow."""
@@ -105,12 +105,18 @@ class RealTimeUplink:
         """Offer the newest depth image."""
         self._uplink.depth_image(replace(frame, stamp_s=self._clock.real_s(frame.stamp_s)))
 
+    def colour_image(self, frame: Frame) -> None:
+        """Offer the newest colour picture."""
+        self._uplink.colour_image(replace(frame, stamp_s=self._clock.real_s(frame.stamp_s)))
+
     def message(self, message: KeptMessage) -> None:
         """Hand over a message that is kept until it is sent."""
         if isinstance(message, RouteChanged):
             message = msgspec.structs.replace(message, stamp_s=self._clock.real_s(message.stamp_s))
         elif isinstance(message, SettingsRunning) and message.revert_at_s is not None:
             message = msgspec.structs.replace(message, revert_at_s=self._clock.real_s(message.revert_at_s))
+        elif isinstance(message, SharingRunning) and message.colour_until_s is not None:
+            message = msgspec.structs.replace(message, colour_until_s=self._clock.real_s(message.colour_until_s))
         self._uplink.message(message)
 
     def event(self, stamp_s: float, kind: EventKind, text: str) -> None:

@@ -16,6 +16,7 @@ from navcore.cues.texts import Language, speech_duration_s
 _WAITS_AT_MOST_S = 4.0
 _MESSAGE_WAITS_AT_MOST_S = 20.0
 """What is told once ("Another way", somebody at the console) is not lost behind a few turns on the spot."""
+_PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS, CueKind.WATCHED, CueKind.UNWATCHED, CueKind.CONSENT})
 PAUSE_S = 0.1
 """Silence between two sentences."""
 
@@ -67,7 +68,7 @@ def play(
 
 
 def _may_wait(cue: Cue, now_s: float) -> bool:
-    longest_s = _MESSAGE_WAITS_AT_MOST_S if cue.kind in (CueKind.MESSAGE, CueKind.MAP_NEWS) else _WAITS_AT_MOST_S
+    longest_s = _MESSAGE_WAITS_AT_MOST_S if cue.kind in _PATIENT else _WAITS_AT_MOST_S
     return now_s - cue.stamp_s <= longest_s
 
 

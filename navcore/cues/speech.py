@@ -83,6 +83,12 @@ def say(
     return played, replace(memory, bus=bus)
 
 
+def sound(tone: Cue, memory: CueMemory, settings: Settings, now_s: float) -> tuple[tuple[Cue, ...], CueMemory]:
+    """Play a tone that is none of guidance, where no words are heard just now; else nothing."""
+    played, bus = cue_bus.play(memory.bus, [tone], now_s, settings.cues.language, lambda _: True)
+    return played, replace(memory, bus=bus)
+
+
 def repeat_last(
     guidance: Guidance, memory: CueMemory, settings: Settings, now_s: float, otherwise: str = ""
 ) -> tuple[tuple[Cue, ...], CueMemory]:

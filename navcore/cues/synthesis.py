@@ -16,6 +16,7 @@ TICK_HZ, TICK_S = 440.0, 0.05
 STOP_HZ, STOP_S = 330.0, 0.2
 STEER_S = 0.15
 BEEP_S = 0.06
+COLOUR_SIGN_HZ, COLOUR_SIGN_S = 1500.0, 0.1
 _STEER_HZ, _STEER_SPAN_HZ = 660.0, 220.0
 _FULL_PAN_DEG = 45.0
 _BEEP_LOW_HZ, _BEEP_HIGH_HZ = 600.0, 1200.0
@@ -35,6 +36,12 @@ def stop_cue(stamp_s: float, reason: Reason, language: Language = "en") -> Cue:
 def tick_cue(stamp_s: float) -> Cue:
     """Return the heart-beat of guidance: straight on, all well."""
     return Cue(stamp_s, CueKind.TICK, PRIORITY[CueKind.TICK], angle_deg=0.0, frequency_hz=TICK_HZ, duration_s=TICK_S)
+
+
+def colour_sign_cue(stamp_s: float) -> Cue:
+    """Return the sign that somebody sees colour pictures: higher than every tone of guidance."""
+    kind = CueKind.COLOUR_SIGN
+    return Cue(stamp_s, kind, PRIORITY[kind], frequency_hz=COLOUR_SIGN_HZ, duration_s=COLOUR_SIGN_S)
 
 
 def steer_cue(stamp_s: float, angle_deg: float) -> Cue:

@@ -19,6 +19,7 @@ VERBOSITIES: tuple[Verbosity, ...] = ("brief", "normal", "full")
 class CuePriority(enum.IntEnum):
     """A higher cue cuts a lower one off; at the same level the newest is kept."""
 
+    PRIVACY = 0
     POI = 1
     REASSURANCE = 2
     OFF_ROAD = 3
@@ -65,6 +66,14 @@ class CueKind(enum.Enum):
     """What the sighted person who records a map shall do differently, or that recording has ended."""
     MAP_NEWS = "map_news"
     """How the recording, or the building, of a map goes on."""
+    WATCHED = "watched"
+    """Who has begun to watch."""
+    UNWATCHED = "unwatched"
+    """Who watches no more."""
+    CONSENT = "consent"
+    """Somebody asks to see pictures, or sees them no more."""
+    COLOUR_SIGN = "colour_sign"
+    """Somebody sees colour pictures: a tone, as long as it lasts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,6 +110,11 @@ _ANSWERS = (
     "menu_by_distance", "menu_by_name", "menu_entry", "menu_entry_here", "menu_entry_unknown", "menu_closed",
     "menu_empty",
     "where_here", "where_near", "where_goal", "where_next", "where_unknown", "where_last", "where_no_place",
+    "colour_allowed", "colour_refused", "privacy_list", "privacy_nobody", "privacy_unknown", "privacy_accesses",
+    *(f"privacy_{what}_{state}" for what in ("silhouettes", "walks") for state in ("on", "off")),
+    "access_none", "access_since", "access_watch", "access_watch_times", "access_past_walk", "access_past_walk_of",
+    "access_incident", "access_incident_of", "access_colour", "access_export", "access_more", "access_when",
+    "day_today", "day_yesterday",
     "at_ahead", "at_behind", "at_clock", *(f"at_{size}_{side}" for size in ("degrees", "half", "full", "sharp")
                                            for side in _SIDES),
 )  # fmt: skip
@@ -202,6 +216,26 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         CuePriority.POI, "The walker is beside the middle of the road, though not off it.", _SPOKEN,
         "post on the floor at the sub-goal, with its distance", "every 10 s",
         tuple(f"deviation_{side}" for side in _SIDES), verbosity="full",
+    ),
+    CueKind.WATCHED: CueEntry(
+        CuePriority.PRIVACY, "Somebody has begun to watch at the console.", _SPOKEN, "no other",
+        "until it has been said without being cut off",
+        ("watch_one", "watch_many", "watch_also_one", "watch_also_many", "names_and", "names_others"),
+    ),
+    CueKind.UNWATCHED: CueEntry(
+        CuePriority.PRIVACY, "Somebody watches no more.", _SPOKEN, "no other",
+        "until it has been said without being cut off", ("watch_left_one", "watch_left_many", "watch_nobody"),
+        verbosity="normal",
+    ),
+    CueKind.CONSENT: CueEntry(
+        CuePriority.PRIVACY,
+        "Somebody at the console asks to see colour pictures, or sees them no more. No answer in 30 s is *no*.",
+        _SPOKEN, "no other", "until it has been said without being cut off",
+        ("colour_asked", "colour_asked_why", "colour_unanswered", "colour_ended"),
+    ),
+    CueKind.COLOUR_SIGN: CueEntry(
+        CuePriority.PRIVACY, "Somebody at the console sees colour pictures just now.",
+        "1500 Hz for 0.1 s, in the middle", "no other", "every 5 s while it lasts",
     ),
     CueKind.EXPLANATION: CueEntry(
         CuePriority.POI, "Why the walker was stopped, after the stop itself.", _SPOKEN,

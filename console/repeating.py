@@ -1,0 +1,37 @@
+"""Work that is done again and again, in a thread of its own, until it is stopped."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+_log = logging.getLogger(__name__)
+
+
+class Repeating:
+    """Does some work at its start and every so many seconds; what it raises is logged, and ends nothing."""
+
+    def __init__(self, name: str, every_s: float, work: Callable[[], object]) -> None:
+        self._name, self._every_s, self._work = name, every_s, work
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=name, daemon=True)
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End; returns when the work that runs is done."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def _run(self) -> None:
+        while True:
+            try:
+                self._work()
+            except Exception:
+                _log.exception("%s failed, and is tried again in %g s.", self._name, self._every_s)
+            if self._stopped.wait(self._every_s):
+                return

@@ -1,0 +1,106 @@
+"""What the console keeps of walkers is deleted after some days, for good.
+
+Each store that keeps something of them offers ``delete_before(wall_s) -> int``, and raises UndeletedError for what it
+could not delete: that is shown on the page Privacy, and tried again an hour later. The map, recordings of map walks
+(which show a building, and who walked there to record it), and accounts are not deleted here.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import threading
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from sqlalchemy.exc import SQLAlchemyError
+
+from console.errors import BadRequestError
+from console.store import Store
+from console.tables import KeptValueRow
+from navcore.errors import VbrError
+
+DEFAULT_DAYS = 7
+MIN_DAYS, MAX_DAYS = 1, 365
+EVERY_S = 3600.0
+_DAY_S = 86_400.0
+_KEPT_AS = "retention_days"
+_log = logging.getLogger(__name__)
+
+DeleteBefore = Callable[[float], int]
+
+
+class UndeletedError(VbrError):
+    """Something that is too old could not be deleted; all the rest has been. ``deleted`` counts that."""
+
+    def __init__(self, sentence: str, deleted: int) -> None:
+        super().__init__(sentence)
+        self.deleted = deleted
+
+
+@dataclass(frozen=True, slots=True)
+class RetentionRun:
+    """What was deleted last, and what could not be."""
+
+    at_s: float
+    """Unix time."""
+    before_s: float
+    """Unix time: what is older goes."""
+    deleted: Mapping[str, int]
+    """How much of each kind."""
+    problems: tuple[str, ...]
+    """Each says what is still there, and what to do."""
+
+
+class Retention:
+    """Deletes what is too old. All methods may be called from any thread."""
+
+    def __init__(self, store: Store, kinds: Mapping[str, DeleteBefore]) -> None:
+        """``kinds`` tells how each kind of thing is deleted, by its name for people."""
+        self._store, self._kinds = store, kinds
+        self._running = threading.Lock()
+        self.last_run: RetentionRun | None = None
+        """None before the first."""
+
+    @property
+    def days(self) -> int:
+        """How long things are kept."""
+        with self._store.reading() as session:
+            row = session.get(KeptValueRow, _KEPT_AS)
+        return DEFAULT_DAYS if row is None else min(MAX_DAYS, max(MIN_DAYS, int(json.loads(row.value_json))))
+
+    def keep_for(self, days: int, by: str) -> None:
+        """Keep things for so long from now on, and delete at once what is older. Raises BadRequestError."""
+        if not MIN_DAYS <= days <= MAX_DAYS:
+            raise BadRequestError(f"Things cannot be kept for {days} days: give {MIN_DAYS} to {MAX_DAYS}.")
+        before = self.days
+        with self._store.writing() as session:
+            session.merge(KeptValueRow(name=_KEPT_AS, value_json=json.dumps(days)))
+            self._store.add_audit(session, by, "retention", f"{before} → {days} days")
+        self.run()
+
+    def delete_now(self, by: str) -> RetentionRun:
+        """Delete what is too old, because somebody asks for it."""
+        self._store.audit(by, "retention_run", f"older than {self.days} days")
+        return self.run()
+
+    def run(self) -> RetentionRun:
+        """Delete what is too old; what cannot be deleted is said, and hinders nothing else."""
+        with self._running:
+            now_s = self._store.wall_s()
+            before_s = now_s - self.days * _DAY_S
+            deleted, problems = dict[str, int](), list[str]()
+            for kind, delete_before in self._kinds.items():
+                try:
+                    deleted[kind] = delete_before(before_s)
+                except UndeletedError as error:
+                    deleted[kind] = error.deleted
+                    problems.append(f"{kind}: {error}")
+                except (OSError, VbrError, SQLAlchemyError) as error:
+                    problems.append(f"{kind}: {error}")
+            if any(deleted.values()) and not self._store.forget_deleted():
+                problems.append("The database is being read: traces of what was deleted are wiped at the next run.")
+            for problem in problems:
+                _log.warning("Not deleted: %s", problem)
+            self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))
+            return self.last_run

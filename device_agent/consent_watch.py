@@ -1,0 +1,60 @@
+"""What the walker shares can be said beside the running device (``vbr consent``): it heeds that within a second."""
+
+from __future__ import annotations
+
+import logging
+import threading
+from collections.abc import Callable
+
+from device_agent.device_store import DeviceStore
+from device_agent.sharing import Consent
+from navcore.errors import InputError, VbrError
+
+LOOK_EVERY_S = 1.0
+NOTHING_SHARED = Consent(silhouettes=False, walks=False)
+_log = logging.getLogger(__name__)
+
+
+class ConsentWatch:
+    """Looks at the file in which consent is kept, in a thread of its own, and hands over what others have written."""
+
+    def __init__(self, store: DeviceStore, default: Consent, submit: Callable[[Consent], None]) -> None:
+        """``default`` holds where nothing was ever said."""
+        self._store, self._default, self._submit = store, default, submit
+        self._seen = store.consent_stamp()
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="consent", daemon=True)
+
+    def start(self) -> None:
+        """Begin to look."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """Look no more."""
+        self._stopped.set()
+        if self._thread.is_alive():
+            self._thread.join()
+
+    def look(self) -> None:
+        """Hand over what is kept, where the file is another one than at the last look."""
+        stamp = self._store.consent_stamp()
+        if stamp == self._seen:
+            return
+        try:
+            self._submit(self._read())
+        except VbrError as error:
+            # The file is looked at again: consent that was withdrawn is not to be overlooked.
+            _log.warning("%s", error)
+            return
+        self._seen = stamp
+
+    def _read(self) -> Consent:
+        try:
+            return self._store.load_consent(self._default)
+        except InputError as error:
+            _log.warning("%s", error)
+            return NOTHING_SHARED
+
+    def _run(self) -> None:
+        while not self._stopped.wait(LOOK_EVERY_S):
+            self.look()

@@ -1,0 +1,279 @@
+"""Who sees the walker, told to them; and what they allow. Pure: steps from one frozen state to the next.
+
+Nothing here ever speaks over an instruction: its cues have the lowest priority, and each sentence is said again until
+it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
+with the one who asked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from device_agent.sharing import ColourShown, Consent, LinkStands, Privacy, Question, Saying
+from device_agent.state import (
+    DeviceState,
+    Effect,
+    Happened,
+    Notice,
+    Outdated,
+    SoundSign,
+    Step,
+    StoreAccesses,
+    StoreConsent,
+)
+from navcore.cues.privacy_words import accesses_text, watching_text
+from navcore.cues.synthesis import colour_sign_cue
+from navcore.cues.table import Cue, CueKind, is_said
+from navcore.cues.texts import TEXTS, speech_duration_s
+from navcore.modes import Mode
+from navcore.wire import Accesses, AskColour, SharingRunning, Watchers
+
+ANSWER_WITHIN_S = 30.0
+COLOUR_FOR_S = 60.0
+SIGN_EVERY_S = 5.0
+SAID_AGAIN_AFTER_S = 20.0
+"""A sentence that has not been begun for so long is offered anew: the voice has forgotten it."""
+_QUESTION_OVER = Outdated(frozenset({CueKind.CONSENT}))
+PrivacyOrder = Watchers | AskColour | Accesses | LinkStands | Consent
+
+
+def sharing_of(privacy: Privacy) -> SharingRunning:
+    """Return what the console is told."""
+    colour, consent = privacy.colour, privacy.consent
+    return SharingRunning(
+        consent.silhouettes, consent.walks, privacy.told, "" if colour is None else colour.who,
+        None if colour is None else colour.until_s, privacy.answered_id, privacy.refusal,
+    )  # fmt: skip
+
+
+def taken(state: DeviceState, order: PrivacyOrder, now_s: float) -> Step:
+    """Return the state after something was heard of who watches, asks, or has looked; or the walker's own will."""
+    privacy = state.privacy
+    match order:
+        case Watchers(names):
+            return _with(state, replace(privacy, watchers=names)), ()
+        case LinkStands(joined):
+            return (state, ()) if joined else _link_lost(state)
+        case Accesses():
+            known = replace(privacy, accesses=order, wall_offset_s=order.now_s - now_s)
+            return _with(state, known), (StoreAccesses(order),)
+        case Consent():
+            return _consented(state, order)
+        case AskColour():
+            return _asked(state, order, now_s)
+
+
+def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
+    """The walker answers the open question, or ends what they have allowed; call it only where there is one."""
+    question, language = state.privacy.question, state.settings.cues.language
+    if question is None:
+        return _ended(state, "The walker has ended it.")
+    if not allowed:
+        state, effects = _refused(state, "The walker does not want it.", says="")
+        return state, (Notice(TEXTS[language]["colour_refused"], answers=True), *effects)
+    colour = ColourShown(question.who, now_s + COLOUR_FOR_S, now_s + SIGN_EVERY_S)
+    state = _with(state, replace(_without_question(state.privacy, question.request_id, ""), colour=colour))
+    return state, (
+        # The answer cuts the question off, which then waits to be said again.
+        Notice(TEXTS[language]["colour_allowed"].format(name=question.who), answers=True),
+        _QUESTION_OVER,
+        Happened("privacy", f"The walker lets {question.who} see pictures for {COLOUR_FOR_S:.0f} s."),
+        sharing_of(state.privacy),
+    )
+
+
+def can_answer(state: DeviceState, now_s: float) -> bool:
+    """Whether there is a question to be answered, or something allowed that could be ended."""
+    question = state.privacy.question
+    return (question is not None and now_s <= question.until_s) or state.privacy.colour is not None
+
+
+def passed(state: DeviceState, now_s: float) -> Step:
+    """Return the state as time has passed: what is over ends, and what is still to be heard is said."""
+    privacy, effects = state.privacy, list[Effect]()
+    if privacy.question is not None and now_s > privacy.question.until_s:
+        state, more = _refused(state, "The walker has not answered.", says="colour_unanswered")
+        effects += more
+    if privacy.colour is not None and (over := _why_over(state, now_s)):
+        state, more = _ended(state, over)
+        effects += more
+    state, more = _finish_saying(state, now_s)
+    effects += more
+    state, more = _say_next(state, now_s)
+    effects += more
+    colour = state.privacy.colour
+    if colour is not None and now_s >= colour.sign_due_s:
+        effects.append(SoundSign(colour_sign_cue(now_s)))
+    return state, tuple(effects)
+
+
+def heard(state: DeviceState, cues: tuple[Cue, ...]) -> DeviceState:
+    """Note what the walker hears: a sentence on privacy begins, or other words cut it off; the sign has sounded."""
+    privacy = state.privacy
+    for cue in cues:
+        saying, colour = privacy.saying, privacy.colour
+        if cue.kind is CueKind.COLOUR_SIGN and colour is not None:
+            privacy = replace(privacy, colour=replace(colour, sign_due_s=cue.stamp_s + SIGN_EVERY_S))
+        elif saying is not None and (cue.kind, cue.text) == (saying.kind, saying.text):
+            until_s = cue.stamp_s + speech_duration_s(cue.text, state.settings.cues.language)
+            privacy = replace(privacy, saying=replace(saying, until_s=until_s))
+        elif saying is not None and saying.until_s is not None and cue.stamp_s < saying.until_s and _cuts_off(cue):
+            # The voice says it again by itself, as long as it remembers.
+            privacy = replace(privacy, saying=replace(saying, until_s=None, offered_s=cue.stamp_s))
+    return state if privacy is state.privacy else _with(state, privacy)
+
+
+def watching_now(state: DeviceState) -> str:
+    """Return in words who watches, where that is known."""
+    language, watchers = state.settings.cues.language, state.privacy.watchers
+    if watchers is None:
+        return TEXTS[language]["privacy_unknown"]
+    return watching_text("watch", watchers, language) if watchers else TEXTS[language]["privacy_nobody"]
+
+
+def who_has_looked(state: DeviceState, now_s: float) -> str:
+    """Return in words who has watched, and looked at what is kept."""
+    language, told = state.settings.cues.language, state.privacy.accesses
+    if told is None:
+        return TEXTS[language]["access_none"]
+    return accesses_text(told.entries, now_s + state.privacy.wall_offset_s, told.utc_offset_s, language)
+
+
+# ------------------------------------------------------------------------------------------------------ internals
+def _cuts_off(cue: Cue) -> bool:
+    return bool(cue.text) or cue.kind is CueKind.STEER
+
+
+def _with(state: DeviceState, privacy: Privacy) -> DeviceState:
+    return replace(state, privacy=privacy)
+
+
+def _consented(state: DeviceState, consent: Consent) -> Step:
+    if consent == state.privacy.consent:
+        return state, ()
+    state = _with(state, replace(state.privacy, consent=consent))
+    said = [f"depth pictures: {_yes(consent.silhouettes)}", f"recordings of walks: {_yes(consent.walks)}"]
+    happened = Happened("privacy", f"The walker shares now: {', '.join(said)}.")
+    return state, (StoreConsent(consent), happened, sharing_of(state.privacy))
+
+
+def _yes(value: bool) -> str:
+    return "yes" if value else "no"
+
+
+def _link_lost(state: DeviceState) -> Step:
+    """Nobody can be asked who watches; a question, and what was allowed, end with the connection that they came by."""
+    effects = list[Effect]()
+    if state.privacy.question is not None:
+        state, more = _refused(state, "The link has broken.", says="colour_unanswered")
+        effects += more
+    if state.privacy.colour is not None:
+        state, more = _ended(state, "The link has broken.")
+        effects += more
+    return _with(state, replace(state.privacy, watchers=None)), tuple(effects)
+
+
+def _asked(state: DeviceState, order: AskColour, now_s: float) -> Step:
+    privacy, why_not = state.privacy, ""
+    if privacy.question is not None or privacy.colour is not None:
+        why_not = "Somebody has asked already: wait until that is over."
+    elif state.purpose is Mode.OFF_DUTY:
+        why_not = "The walker is off duty."
+    happened = Happened("privacy", f"{order.who} asks to see pictures{f': {order.why}' if order.why else ''}.")
+    if why_not:
+        state = _with(state, replace(privacy, answered_id=order.request_id, refusal=why_not))
+        return state, (happened, sharing_of(state.privacy))
+    question = Question(order.request_id, order.who, order.why, now_s + ANSWER_WITHIN_S)
+    return _with(state, replace(privacy, question=question, ended="")), (happened,)
+
+
+def _without_question(privacy: Privacy, request_id: int, refusal: str) -> Privacy:
+    saying = privacy.saying if privacy.saying is None or privacy.saying.kind is not CueKind.CONSENT else None
+    return replace(privacy, question=None, saying=saying, answered_id=request_id, refusal=refusal)
+
+
+def _refused(state: DeviceState, why: str, *, says: str) -> Step:
+    question = state.privacy.question
+    assert question is not None, "there is a question to refuse"
+    state = _with(state, replace(_without_question(state.privacy, question.request_id, why), ended=says))
+    happened = Happened("privacy", f"No pictures for {question.who}. {why}")
+    return state, (_QUESTION_OVER, happened, sharing_of(state.privacy))
+
+
+def _ended(state: DeviceState, why: str) -> Step:
+    colour = state.privacy.colour
+    assert colour is not None, "there is something to end"
+    state = _with(state, replace(state.privacy, colour=None, ended="colour_ended"))
+    return state, (Happened("privacy", f"{colour.who} sees no pictures any more. {why}"), sharing_of(state.privacy))
+
+
+def _why_over(state: DeviceState, now_s: float) -> str:
+    """Return why nobody may see colour pictures any longer; empty while they may."""
+    colour, watchers = state.privacy.colour, state.privacy.watchers
+    assert colour is not None
+    if now_s >= colour.until_s:
+        return "The time is over."
+    if state.purpose is Mode.OFF_DUTY:
+        return "The walker is off duty."
+    return "They watch no more." if watchers is not None and colour.who not in watchers else ""
+
+
+def _finish_saying(state: DeviceState, now_s: float) -> Step:
+    """What has been said whole has been heard."""
+    privacy, saying = state.privacy, state.privacy.saying
+    if saying is None or saying.until_s is None or now_s < saying.until_s:
+        return state, ()
+    if saying.kind is CueKind.CONSENT:
+        question = privacy.question
+        asked = question if question is None else replace(question, heard=True)
+        return _with(state, replace(privacy, saying=None, question=asked, ended="")), ()
+    return _told(_with(state, replace(privacy, saying=None)), saying.names)
+
+
+def _told(state: DeviceState, names: tuple[str, ...]) -> Step:
+    state = _with(state, replace(state.privacy, told=names))
+    whom = ", ".join(names) or "nobody"
+    return state, (Happened("privacy", f"The walker knows who watches: {whom}."), sharing_of(state.privacy))
+
+
+def _say_next(state: DeviceState, now_s: float) -> Step:
+    saying = state.privacy.saying
+    if saying is not None and saying.until_s is not None:
+        return state, ()
+    wanted, effects = _wanted(state, now_s), list[Effect]()
+    if saying is not None and (wanted is None or wanted.text != saying.text):
+        # It has not been heard, and is no longer true.
+        effects.append(Outdated(frozenset({saying.kind})))
+        state, saying = _with(state, replace(state.privacy, saying=None)), None
+    if wanted is None or (saying is not None and now_s - saying.offered_s < SAID_AGAIN_AFTER_S):
+        return state, tuple(effects)
+    if not is_said(wanted.kind, state.settings.cues.verbosity):
+        state, told = _told(state, wanted.names)
+        return state, (*effects, *told)
+    return _with(state, replace(state.privacy, saying=wanted)), (*effects, Notice(wanted.text, kind=wanted.kind))
+
+
+def _wanted(state: DeviceState, now_s: float) -> Saying | None:
+    """Return the sentence that the walker is to hear next; None where there is none."""
+    privacy, language = state.privacy, state.settings.cues.language
+    texts, question = TEXTS[language], privacy.question
+    if question is not None and not question.heard:
+        key = "colour_asked_why" if question.why else "colour_asked"
+        return Saying(CueKind.CONSENT, texts[key].format(name=question.who, why=question.why), now_s)
+    if question is None and privacy.ended:
+        return Saying(CueKind.CONSENT, texts[privacy.ended], now_s)
+    return None if privacy.watchers is None else _news_of_watchers(state, privacy.watchers, now_s)
+
+
+def _news_of_watchers(state: DeviceState, watchers: tuple[str, ...], now_s: float) -> Saying | None:
+    language, told = state.settings.cues.language, state.privacy.told
+    stay = tuple(name for name in told if name in watchers)
+    gone = tuple(name for name in told if name not in watchers)
+    if come := tuple(name for name in watchers if name not in told):
+        text = watching_text("watch_also" if stay else "watch", come, language)
+        # Those who have gone meanwhile are told of afterwards, unless they are back by then.
+        return Saying(CueKind.WATCHED, text, now_s, (*told, *come))
+    if not gone:
+        return None
+    text = watching_text("watch_left", gone, language) if stay else TEXTS[language]["watch_nobody"]
+    return Saying(CueKind.UNWATCHED, text, now_s, stay)

@@ -94,8 +94,10 @@ class Outbox:
         with self._lock:
             waiting = {type(message) for message in self._kept}
             missed = [message for kind, message in self._latest.items() if kind not in waiting]
-            self._kept.extendleft(reversed(missed))
-            self._kept = deque(map(_without_refusal, self._kept), MAX_KEPT)
+            # Where all of it is too much, the oldest go: never the newest of a kind.
+            self._kept = deque(
+                map(_without_refusal, [*missed, *list(self._kept)[-(MAX_KEPT - len(missed)) :]]), MAX_KEPT
+            )
             self._newest.clear()
             self._frames.clear()
 

@@ -66,4 +66,6 @@ def connect_device(services: Services, device_id: str = "glasses") -> RecordingO
     services.devices.ensure_token("Glasses", "a token of the test, long enough", "setup")
     services.devices.take_in(device_id, "Glasses")
     services.hub.connect(hello, "Glasses", outlet)
+    # Who watches is told at each joining, and is no order.
+    outlet.sent.clear()
     return outlet

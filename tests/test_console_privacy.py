@@ -118,17 +118,17 @@ def test_what_never_says_what_it_shows_counts_as_watching_everything(hands: Hand
 def test_whoever_still_shows_a_walker_whose_link_breaks_watches_on_but_not_for_ever(hands: Hands) -> None:
     hands.watching.opened("program", "Ben", says=False)
     hands.watching.look()
-    hands.told.clear()
+    told = list(hands.told)
     hands.connected = ("spare",)
     for _ in range(4):
         hands.pass_s(AWAY_S / 5.0)
     hands.connected = ("glasses", "spare")
     hands.pass_s(1.0)
-    assert hands.told == [], "the link is back, and nothing is news"
+    assert hands.told == told, "the link is back, and nothing is news"
     hands.connected = ("spare",)
     hands.pass_s(AWAY_S + 0.1)
     hands.pass_s(GRACE_S)
-    assert hands.told == [("glasses", ())]
+    assert hands.told == [*told, ("glasses", ())]
 
 
 def test_a_scene_counts_only_where_its_person_has_no_page(hands: Hands) -> None:

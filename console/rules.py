@@ -123,6 +123,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/alerts/{alert_id}/unshelve"): EVERYBODY,
     ("GET", "/api/incidents"): EVERYBODY,
     ("GET", "/api/incidents/{incident_id}"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}/instants"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}/depth.jpg"): EVERYBODY,
     ("GET", "/api/incidents/{incident_id}/bundle.zip"): EVERYBODY,
     ("DELETE", "/api/incidents/{incident_id}"): ADMINS,
     ("POST", "/api/devices/{device_id}/keep"): EVERYBODY,

@@ -1,4 +1,4 @@
-/* Plays a past walk: which instant is shown, how fast it goes on, and the instants themselves, fetched a few seconds ahead. */
+/* Plays a past walk, or an incident: which instant is shown, how fast it goes on, and the instants themselves, fetched a few seconds ahead. */
 
 import { get } from "./api.js";
 
@@ -10,9 +10,9 @@ const COARSE_FROM = 4;
 const COARSE = 5;
 
 export class WalkPlayer {
-  /** `moved(at_s)` is called at each change of the instant, `show(instant)` with what it looked like, `changed()` when it plays or pauses. */
-  constructor({ id, length_s, cycle_s }, { moved, show, changed, failed }) {
-    Object.assign(this, { id, length_s, cycle_s, moved, show, changed, failed });
+  /** `url` is what is asked for instants. `moved(at_s)` is called at each change of the instant, `show(instant)` with what it looked like, `changed()` when it plays or pauses. */
+  constructor({ url, length_s, cycle_s }, { moved, show, changed, failed }) {
+    Object.assign(this, { url, length_s, cycle_s, moved, show, changed, failed });
     this.at_s = 0;
     this.speed = 1;
     this.playing = false;
@@ -99,7 +99,7 @@ export class WalkPlayer {
   async fetch(key, from, to, step) {
     try {
       const query = new URLSearchParams({ from, to: Math.min(to, this.length_s + step), step });
-      const { instants } = await get(`/api/walks/${encodeURIComponent(this.id)}/instants?${query}`);
+      const { instants } = await get(`${this.url}/instants?${query}`);
       if (this.blocks.has(key)) this.blocks.set(key, instants);
       this.draw();
     } catch (error) {

@@ -47,6 +47,10 @@ class IncidentTimeline(Timeline):
         """Unix time of the first cycle."""
         return self.incident.began_at_s + self.began_s - self.incident.steady_at_began_s
 
+    def state_at(self, index: int) -> WalkerState | None:
+        """Return the state of a cycle."""
+        return self.device_at(float(self.stamps_s[index])).state
+
     def device_at(self, stamp_s: float) -> LiveDevice:
         """Return the device as the console knew it then."""
         found = bisect_right(self._devices, stamp_s, key=lambda each: each[0])

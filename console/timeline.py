@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from console.live import LiveDevice
+from console.live_panel import reason_sentence
+from navcore.explain import explain
 from navcore.geometry import FloatArray
 from navcore.wire import Event, Point2, RouteChanged, WalkerState
 
@@ -133,6 +135,11 @@ class Timeline(ABC):
         """Return the word of a cycle."""
         return self.columns.words[int(self.columns.codes[column][index])]
 
+    def sentence_at(self, index: int) -> str:
+        """Return why the walker was told in a cycle what they were told."""
+        state = self.state_at(index)
+        return reason_sentence(self.word("reason", index)) if state is None else explain(state).sentence
+
     def index_at(self, stamp_s: float) -> int:
         """Return the cycle that was the newest at a time; the first one before the beginning."""
         return max(0, int(np.searchsorted(self.stamps_s, stamp_s, side="right")) - 1)
@@ -141,6 +148,10 @@ class Timeline(ABC):
         """Return the route that was walked then."""
         found = bisect_right(self.routes, stamp_s, key=lambda route: route.stamp_s)
         return self.routes[found - 1] if found else None
+
+    @abstractmethod
+    def state_at(self, index: int) -> WalkerState | None:
+        """Return the state of a cycle; None where it cannot be read any more."""
 
     @abstractmethod
     def device_at(self, stamp_s: float) -> LiveDevice:

@@ -10,7 +10,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from console.live_panel import reason_sentence
 from console.timeline import Timeline
 from navcore.geometry import FloatArray
 from navcore.modes import ON_THE_WAY, Mode
@@ -130,8 +129,10 @@ def place_of(timeline: Timeline, index: int) -> tuple[float | None, float | None
 
 
 def _reason(timeline: Timeline, begin: int, end: int) -> str:
-    reasons = Counter(timeline.columns.codes["reason"][begin:end].tolist())
-    return reason_sentence(timeline.columns.words[reasons.most_common(1)[0][0]])
+    """Return why, in the sentence of the first cycle that has the reason which held longest."""
+    codes = timeline.columns.codes["reason"][begin:end]
+    longest = Counter(codes.tolist()).most_common(1)[0][0]
+    return timeline.sentence_at(begin + int(np.argmax(codes == longest)))
 
 
 def _quality(timeline: Timeline, begin: int, end: int) -> str:

@@ -67,6 +67,13 @@ class WalkTimeline(Timeline):
         found = bisect_right(self.settings, stamp_s, key=lambda each: each[0])
         return self.settings[found - 1][1] if found else None
 
+    def state_at(self, index: int) -> WalkerState | None:
+        """Return the state of a cycle; None where it cannot be read any more."""
+        try:
+            return self._state(index)
+        except NotFoundError:
+            return None
+
     def device_at(self, stamp_s: float) -> LiveDevice:
         """Return the device as the console would have known it then, without any delay.
 

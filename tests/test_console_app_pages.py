@@ -172,6 +172,8 @@ def test_every_state_of_a_device_has_a_clear_label(page: Page, server: ConsoleSe
 def test_a_setting_is_sent_runs_and_asks_first_where_safety_hangs_on_it(page: Page, server: ConsoleServer) -> None:
     device = WalkingDevice(server)
     page.goto("/settings")
+    # Until then people cannot type; a test's hand could, and what it typed would be overwritten.
+    expect(page.locator("body:not([inert])")).to_be_attached()
     distance = page.get_by_label("Sub goal distance, as a number")
     expect(distance).to_be_enabled()
     distance.fill("2.5")

@@ -79,7 +79,9 @@ export class WalkPlayer {
   /** The instant at a time, where it is here; else it is fetched, and shown when it has come. */
   instant(at_s) {
     const step_s = this.step_s;
-    const number = Math.floor(Math.min(Math.max(at_s, 0), this.length_s) / step_s + 1e-6);
+    const steps = Math.min(Math.max(at_s, 0), this.length_s) / step_s;
+    // Who goes to a mark sees what it is about: what held from then on, not what had held until then.
+    const number = this.playing ? Math.floor(steps + 1e-6) : Math.ceil(steps - 1e-6);
     const block = this.block(step_s, Math.floor(number / BLOCK));
     if (this.playing) this.block(step_s, Math.floor(number / BLOCK) + 1);
     return Array.isArray(block) ? block[number % BLOCK] ?? null : null;

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import PASSWORD, DialledDevice, hello_of, invited
 from playwright.sync_api import Browser, Page, expect
 from test_alerts_engine import first_admin_again
-from test_browser_pages_accessible import in_both_themes
 from websockets.exceptions import ConnectionClosed
 
 from console.alerts.rules import RULES

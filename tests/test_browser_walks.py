@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from accessibility import faults
 from browser import become_admin, chromium
 from console_room import serving
 from playwright.sync_api import expect
 from recorded_walk import STORED_WALK
-from test_browser_pages_accessible import faults
 from test_past_walks import take
 
 from navcore.site import Site, save_site

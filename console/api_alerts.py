@@ -14,7 +14,6 @@ from console.alerts.rules import RULES
 from console.bodies import AcknowledgeBody, ShelveBody
 from console.incident_timeline import IncidentTimeline
 from console.requests import Visitor, json_response
-from console.roles import SignedIn
 from console.services import Services
 from console.timeline_view import At, From, Step, To, instants_view, whole_view
 
@@ -27,6 +26,14 @@ def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
     _add_alert_routes(app, services)
     _add_incident_routes(app, services)
+
+
+def noted_timeline(services: Services, who: str, incident_id: str) -> IncidentTimeline:
+    """Return an incident as a timeline, and write down who looks at it. Raises NotFoundError."""
+    timeline = services.incident_timelines.named(incident_id)
+    incident = timeline.incident
+    services.access.note(who, "incident", incident.device_id, incident_id, incident.began_at_s)
+    return timeline
 
 
 def _add_alert_routes(app: FastAPI, services: Services) -> None:
@@ -71,17 +78,10 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
         found = [each for each in incidents.all() if device is None or each.device_id == device]
         return json_response({"incidents": found})
 
-    def timeline_for(visitor: SignedIn, incident_id: str) -> IncidentTimeline:
-        """Return an incident as a timeline, and write down who has looked at it."""
-        timeline = services.incident_timelines.named(incident_id)
-        incident = timeline.incident
-        services.access.note(visitor.user_name, "incident", incident.device_id, incident_id, incident.began_at_s)
-        return timeline
-
     @app.get("/api/incidents/{incident_id}")
     def one(visitor: Visitor, incident_id: str) -> Response:
         """All that the player of past walks shows of it."""
-        timeline = timeline_for(visitor, incident_id)
+        timeline = noted_timeline(services, visitor.user_name, incident_id)
         incident = timeline.incident
         summary = {
             "device": incident.device_name, "began_at_s": timeline.began_at_s,
@@ -93,11 +93,17 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/incidents/{incident_id}/instants")
     def instants(visitor: Visitor, incident_id: str, begin_s: From, end_s: To, step_s: Step = 0.1) -> Response:
-        return json_response({"instants": instants_view(timeline_for(visitor, incident_id), begin_s, end_s, step_s)})
+        return json_response(
+            {
+                "instants": instants_view(
+                    noted_timeline(services, visitor.user_name, incident_id), begin_s, end_s, step_s
+                )
+            }
+        )
 
     @app.get("/api/incidents/{incident_id}/depth.jpg")
     def depth(visitor: Visitor, incident_id: str, at: At) -> Response:
-        timeline = timeline_for(visitor, incident_id)
+        timeline = noted_timeline(services, visitor.user_name, incident_id)
         return Response(timeline.depth_jpeg(timeline.began_s + at), media_type="image/jpeg")
 
     @app.get("/api/incidents/{incident_id}/bundle.zip")

@@ -82,6 +82,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/redo"): EDITORS,
     ("POST", "/api/publish"): EDITORS,
     ("POST", "/api/view"): EVERYBODY,
+    ("POST", "/api/view/past"): EVERYBODY,
+    ("DELETE", "/api/view/past"): EVERYBODY,
     ("GET", "/api/shortcuts"): EVERYBODY,
     # Export and import.
     ("GET", "/api/export/{what}"): MAPPERS,

@@ -29,6 +29,9 @@ NUMBERS = (
 WORDS = ("quality", "action", "reason", "mode", "sonar_state", "destination_id")
 """Columns that hold words, as indices into :attr:`Timeline.words`."""
 
+TRAIL_S = 60.0
+_TRAIL_POINTS = 240
+
 
 @dataclass(frozen=True, slots=True)
 class NamedPlace:
@@ -148,6 +151,13 @@ class Timeline(ABC):
         """Return the route that was walked then."""
         found = bisect_right(self.routes, stamp_s, key=lambda route: route.stamp_s)
         return self.routes[found - 1] if found else None
+
+    def trail_until(self, stamp_s: float) -> FloatArray:
+        """Return where the walker had been in the last minute until then, points (n, 2), the newest last."""
+        begin, end = self.index_at(stamp_s - TRAIL_S), self.index_at(stamp_s) + 1
+        points_m = np.column_stack([self.numbers["x_m"][begin:end], self.numbers["y_m"][begin:end]]).astype(np.float64)
+        points_m = points_m[np.isfinite(points_m).all(axis=1)]
+        return points_m[:: max(1, len(points_m) // _TRAIL_POINTS)]
 
     @abstractmethod
     def state_at(self, index: int) -> WalkerState | None:

@@ -7,12 +7,13 @@ import { SPEEDS, WalkPlayer } from "./walk_player.js";
 import { WalkPlan } from "./walk_plan.js";
 import { marksList, sayTime, Strip } from "./walk_strip.js";
 import { clock, timeOfDay } from "./walk_words.js";
+import { WalkInScene } from "./walk_scene.js";
 import { Walker } from "./walker.js";
 
 const STEP_S = 1;
 const LEAP_S = 10;
 
-/** Show what `url` tells of a walk or an incident, with its `words` ({title, facts, banner, mark, none}); returns its plan. */
+/** Show what `url` tells of a walk or an incident, with its `words` ({title, facts, banner, mark, none, names}); returns its plan. */
 export function openWalk(url, walk, words, graph) {
   const { summary } = walk;
   setText($("walk-title"), words.title);
@@ -23,6 +24,8 @@ export function openWalk(url, walk, words, graph) {
   $("no-depth").hidden = summary.has_pictures;
   document.title = `${words.title} · Walks · Virtual blind road`;
 
+  const clockOf = (at_s) => new Date((summary.began_at_s + at_s) * 1000).toLocaleTimeString("en-GB");
+  const scene = new WalkInScene($("in-scene"), words.names, clockOf);
   const depthUrl = ({ depth_at_s }) => `${url}/depth.jpg?at=${depth_at_s}`;
   const trace = new TracePanel($("past-trace"));
   const walker = new Walker(
@@ -37,6 +40,7 @@ export function openWalk(url, walk, words, graph) {
       setText($("player-date"), timeOfDay(summary.began_at_s + at_s));
     },
     show: (instant) => {
+      scene.move(instant.at_s);
       const { view } = instant;
       setText($("past-mark"), `${words.mark}: ${clock(instant.at_s, true)}`);
       // How fresh it was then: what was old already looks old. The banner and the frame say that all of it is past.

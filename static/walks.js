@@ -100,7 +100,7 @@ function onChangeOf(data, draw) {
 // -------------------------------------------------------------------------------------------------------- one walk
 async function showOne(id) {
   const url = `/api/walks/${encodeURIComponent(id)}`;
-  const found = await opened(url, "walk", walkWords);
+  const found = await opened(url, "walk", (walk) => ({ ...walkWords(walk), names: { walk: id } }));
   if (found) await showFiguresOf(id, found.walk, found.plan);
 }
 
@@ -119,7 +119,7 @@ async function showIncident(id) {
   $("back").textContent = "All alerts";
   $("back").href = "/alerts";
   $("walk-figures-section").hidden = true;
-  await opened(`/api/incidents/${encodeURIComponent(id)}`, "incident", incidentWords);
+  await opened(`/api/incidents/${encodeURIComponent(id)}`, "incident", (walk) => ({ ...incidentWords(walk), names: { incident: id } }));
 }
 
 function incidentWords({ incident, summary }) {

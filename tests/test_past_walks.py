@@ -22,6 +22,7 @@ from console.live_panel import device_view
 from console.past_walks import PastWalk, PastWalks
 from console.recordings import Recordings
 from console.server import ConsoleServer
+from console.view_requests import EndPast, ShowPast, ViewRequest
 from console.walk_comparison import compared_with
 from console.walk_figures import Deviation, WalkFigures
 from console.walk_library import WalkLibrary
@@ -305,6 +306,33 @@ def test_who_looks_at_a_walk_is_noted(server: ConsoleServer, admin: Person, walk
     admin.http.get(f"/api/walks/{walk.walk_id}").raise_for_status()
     seen = [(each.what, each.detail) for each in server.services.access.latest(10)]
     assert ("past_walk", walk.walk_id) in seen
+
+
+def test_a_past_walk_is_shown_in_the_scenes_of_whoever_asks_and_in_no_other(
+    server: ConsoleServer, admin: Person, walk: PastWalk
+) -> None:
+    heard: list[ViewRequest] = []
+    (token,) = (cookie.value for cookie in admin.http.cookies.jar)
+    person = server.services.accounts.signed_in(token)
+    assert person is not None
+    unsubscribe = server.services.views.subscribe(person.session_id, heard.append)
+    server.services.views.subscribe("somebody else's", heard.append)
+    then = recorded_states()[40]
+    asked = {"walk": walk.walk_id, "at_s": then["stamp_s"], "clock": "12:03:10"}
+    assert admin.http.post("/api/view/past", json=asked).raise_for_status().json() == {"scenes": 1}
+    assert admin.http.delete("/api/view/past").raise_for_status().json() == {"scenes": 1}
+    past, end = heard
+    assert isinstance(past, ShowPast)
+    assert isinstance(end, EndPast)
+    assert past.words == "PAST WALK 12:03:10"
+    assert past.device.state is not None
+    assert past.device.state.pose == pytest.approx(then["pose"])
+    assert past.trail_m[-1] == pytest.approx(then["pose"][:2], abs=0.5)
+    seen = [(each.what, each.detail) for each in server.services.access.latest(10)]
+    assert ("past_walk", walk.walk_id) in seen
+    for wrong in (asked | {"incident": "x"}, asked | {"clock": "now"}, asked | {"walk": "none"}):
+        assert admin.http.post("/api/view/past", json=wrong).status_code in (400, 404, 422)
+    unsubscribe()
 
 
 def test_the_depth_silhouette_of_an_instant_comes_from_the_recorded_picture(

@@ -73,6 +73,16 @@ class ViewBody(_Body):
     camera: Literal["walker", "overview"] | None = None
 
 
+class PastViewBody(_Body):
+    """An instant of a past walk, or of an incident, for the scene."""
+
+    walk: Annotated[str, Field(max_length=120)] = ""
+    incident: Annotated[str, Field(max_length=64)] = ""
+    at_s: Annotated[float, Field(ge=0.0, le=1e6)]
+    clock: Annotated[str, Field(pattern=r"^[0-9]{2}:[0-9]{2}:[0-9]{2}$")]
+    """The time of day of then, where the person is."""
+
+
 class PresenceBody(_Body):
     """What a page's window does: it says so every few seconds, and at once when that changes."""
 

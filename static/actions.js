@@ -88,6 +88,8 @@ export class Actions {
 const WORDS = {
   begin_map_walk: () => "Begin a map walk", end_map_walk: () => "End the map walk", clear: () => "Stop guiding", pause: () => "Pause",
   resume: () => "Resume", repeat: () => "Repeat", set_destination: (place) => `Guide to ${place}`, say: (text) => `Say “${text}”`,
+  apply_settings: (revision) => `Apply settings, revision ${revision}`, keep_settings: (revision) => `Keep settings, revision ${revision}`,
+  give_up_settings: (revision) => `Go back from settings, revision ${revision}`,
 };
 
 /** Why nothing can be asked, or what to know before it is. */

@@ -101,13 +101,13 @@ function ageWords({ age_s, shelf_left_s, phase }, elapsed_s) {
   return phase === "shelved" ? `${raised}, silent for ${span(Math.max(0, shelf_left_s - elapsed_s))} more` : raised;
 }
 
-function facts({ device, times, escalated, acknowledged_by, note, phase, shelved_by, shelf_reason, incident_id }) {
+function facts({ title, device, times, escalated, acknowledged_by, note, phase, shelved_by, shelf_reason, incident_id }) {
   const told = [` · ${device}`];
   if (times > 1) told.push(` · came ${times} times`);
   if (escalated) told.push(" · went up: nobody had seen it for long");
   if (acknowledged_by) told.push(` · seen by ${acknowledged_by}${note ? `: “${note}”` : ""}`);
   if (phase === "shelved") told.push(` · shelved by ${shelved_by}: “${shelf_reason}”`);
-  if (incident_id) told.push(" · ", el("a", { href: `/alerts#incident-${incident_id}` }, "incident"));
+  if (incident_id) told.push(" · ", el("a", { href: `/walks?incident=${incident_id}`, "aria-label": `Look at it: the incident of ${title}, ${device}` }, "Look at it"));
   return told;
 }
 

@@ -21,7 +21,7 @@ let running = defaults;
 let revisions = [];
 let sent = null;
 let able = false;
-let wantedDevice = sessionStorage.getItem("device");
+let wantedDevice = sessionStorage.getItem("device") ?? "";
 
 build();
 const whatIf = new WhatIf($("what-if"), specs, () => Object.fromEntries(fit()));
@@ -30,7 +30,7 @@ if (me.mayTune) {
   for (const node of document.querySelectorAll(".tuning")) node.hidden = false;
   attempt(() => Promise.all([presets.load(), whatIf.load()]));
 }
-follow(showLive);
+const link = follow(showLive, () => `devices=one&device=${encodeURIComponent(wantedDevice)}`);
 draw();
 
 // ----------------------------------------------------------------------------------------------------------- build
@@ -145,9 +145,12 @@ const onTrial = () => device !== null && device.settings_trial_left_s !== null;
 
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
-  showDevices(data.devices.map(({ id, name }) => ({ id, name })));
+  showDevices(data.roster.map(({ id, name }) => ({ id, name })));
   const before = device;
-  device = data.devices.find(({ id }) => id === wantedDevice) ?? data.devices[0] ?? null;
+  device = data.devices[0] ?? null;
+  // It was here before the console was started anew: whoever is here now is shown.
+  if (device === null && wantedDevice && data.roster.length) choose("");
+  if (device && !wantedDevice) wantedDevice = device.id; // whoever comes now, this one stays
   if (before !== null && device?.id !== before.id) { draft.clear(); sent = null; }
   able = Boolean(device?.connected && linked);
   showStatus({ name: device?.name, able, told: device?.settings_revision ?? null, linked, tuning: me.mayTune });
@@ -196,9 +199,14 @@ const showDevices = onChange((devices) => {
 });
 
 $("device-select").addEventListener("change", () => {
-  wantedDevice = $("device-select").value;
+  choose($("device-select").value);
   sessionStorage.setItem("device", wantedDevice);
 });
+
+function choose(id) {
+  wantedDevice = id;
+  link.again();
+}
 
 const showStatus = onChange(({ name, able: works, told, linked, tuning }) => {
   let sentence = told ? `${name} runs revision ${told} of its settings.` : `${name} runs the settings that it started with.`;

@@ -18,16 +18,17 @@ from sqlalchemy.exc import OperationalError
 
 from console.alerts.alert_store import AlertStore
 from console.alerts.alerts import Alerts
-from console.alerts.incident_bundle import frames
 from console.alerts.incidents import AFTER_S, BEFORE_S, Cause, Incidents
 from console.alerts.lifecycle import Change, Phase
 from console.alerts.message_ring import KEPT_S, MAX_RING_BYTES, MessageRing
 from console.alerts.rules import RULES, Priority
 from console.errors import ConflictError, NoRoomError, NotFoundError
 from console.hub import DeviceHub
+from console.incident_timeline import incident_timeline
 from console.message_log import WireRecord
 from console.server import ConsoleServer
 from console.store import Store
+from console.timeline_view import instants_view
 from navcore.modes import Mode
 from navcore.wire import (
     ConsoleMessage,
@@ -260,12 +261,38 @@ def test_an_incident_holds_half_a_minute_on_either_side_and_what_was_true_before
     times_s = [each.arrival_s for each in messages if isinstance(each.message, WalkerState)]
     assert min(times_s) == pytest.approx(cause_s - BEFORE_S)
     assert max(times_s) == pytest.approx(cause_s + AFTER_S)
-    shown = frames(incident, messages, 1.0)
-    assert shown[0]["at_s"] == pytest.approx(-BEFORE_S)
-    assert {frame["view"]["route"]["destination_id"] for frame in shown} == {"b"}
-    assert {frame["view"]["freshness"] for frame in shown} == {"live"}
-    at_cause = next(frame for frame in shown if frame["at_s"] >= -0.1)
-    assert at_cause["view"]["state"]["mode"] == Mode.FAULT
+    timeline = incident_timeline(incident, messages)
+    assert timeline.ended_s - timeline.began_s == pytest.approx(BEFORE_S + AFTER_S)
+    assert (timeline.troubles, timeline.depth_jpeg(timeline.ended_s)) == ((), b"jpeg")
+    (alert,) = (mark for mark in timeline.marks() if mark.kind == "alert")
+    assert (alert.at_s, alert.text) == (pytest.approx(BEFORE_S), incident.causes[0].sentence)
+    shown = instants_view(timeline, 0.0, BEFORE_S + AFTER_S, 1.0)
+    assert {each["view"]["route"]["destination_id"] for each in shown} == {"b"}
+    assert {each["view"]["freshness"] for each in shown} == {"live"}
+    modes = [each["view"]["state"]["mode"] for each in shown]
+    assert (modes[0], modes[int(BEFORE_S)]) == (Mode.GUIDING, Mode.FAULT)
+    assert (shown[0]["depth_at_s"], shown[-1]["depth_at_s"]) == (None, pytest.approx(BEFORE_S, abs=1.0))
+
+
+def test_silence_is_part_of_an_incident_and_what_is_damaged_is_shown_up_to_there(room: Room) -> None:
+    room.walk(40.0)
+    room.wait(AFTER_S + 20.0)
+    (incident,) = room.incidents.all()
+    timeline = incident_timeline(incident, room.incidents.messages(incident.incident_id))
+    length_s = timeline.ended_s - timeline.began_s
+    assert length_s == pytest.approx(BEFORE_S + AFTER_S)
+    first, last = instants_view(timeline, 0.0, length_s, length_s)
+    assert (first["view"]["freshness"], last["view"]["freshness"]) == ("live", "lost"), "as it looked then"
+    assert last["view"]["age_s"] > AFTER_S
+    file = room.incidents.messages_file(incident.incident_id)
+    whole = file.read_bytes()
+    file.write_bytes(whole[: len(whole) // 2] + b"?" + whole[len(whole) // 2 + 1 :])
+    half = incident_timeline(incident, room.incidents.messages(incident.incident_id))
+    assert 0 < len(half.stamps_s) < len(timeline.stamps_s)
+    assert any("is damaged at byte" in trouble for trouble in half.troubles)
+    file.write_bytes(whole[:20])
+    with pytest.raises(NotFoundError, match="nothing to play"):
+        incident_timeline(incident, room.incidents.messages(incident.incident_id))
 
 
 def test_what_happens_meanwhile_belongs_to_the_same_incident(room: Room) -> None:
@@ -376,8 +403,15 @@ def test_an_incident_is_asked_for_downloaded_and_deleted_by_an_admin_alone(
     server.services.incidents.close()
     (listed,) = viewer.http.get("/api/incidents").json()["incidents"]
     assert (listed["incident_id"], listed["causes"][0]["who"]) == (incident_id, "Vera")
-    shown = viewer.http.get(f"/api/incidents/{incident_id}").json()["frames"]
-    assert shown[0]["view"]["state"]["mode"] == "ready"
+    played = viewer.http.get(f"/api/incidents/{incident_id}").raise_for_status().json()
+    assert (played["summary"]["device"], played["summary"]["has_pictures"]) == (listed["device_name"], True)
+    query = {"from": played["length_s"], "to": played["length_s"]}
+    (shown,) = viewer.http.get(f"/api/incidents/{incident_id}/instants", params=query).json()["instants"]
+    assert shown["view"]["state"]["mode"] == "ready"
+    at = {"at": shown["depth_at_s"]}
+    assert viewer.http.get(f"/api/incidents/{incident_id}/depth.jpg", params=at).content == b"\xff\xd8 a silhouette"
+    looked = server.services.access.latest(10)
+    assert ("Vera", "incident", incident_id) in [(each.who, each.what, each.detail) for each in looked]
     whole = viewer.http.get(f"/api/incidents/{incident_id}/bundle.zip").raise_for_status()
     with zipfile.ZipFile(io.BytesIO(whole.content)) as archive:
         assert archive.testzip() is None

@@ -7,11 +7,11 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import PASSWORD, DialledDevice, hello_of, invited
 from playwright.sync_api import Browser, Page, expect
 from test_alerts_engine import first_admin_again
-from test_browser_pages_accessible import in_both_themes
 from websockets.exceptions import ConnectionClosed
 
 from console.alerts.rules import RULES
@@ -154,8 +154,19 @@ def test_an_alert_is_raised_heard_said_once_acknowledged_and_over_for_everybody(
     row.locator("summary").press("Enter")
     expect(row).to_contain_text("shelved by Ada (5 min: We are with her.)")
     expect(hers.locator("#incidents tr")).to_contain_text("A sensor has stopped delivering.")
+    said = hers.evaluate("window.said.length")
+    # What it looked like then: the player of past walks, over the incident's messages.
+    server.services.incidents.close()
+    hers.get_by_role("link", name="Look at it: the incident of").click()
+    expect(hers.locator("#walk-title")).to_contain_text("Incident of")
+    expect(hers.locator("#past-banner")).to_contain_text("Nothing on this page is happening now.")
+    hers.locator("#marks li", has_text="Alert").get_by_role("button").click()
+    expect(hers.locator("#past-now-state")).to_have_text("Fault")
+    expect(hers.locator("#past-mark")).to_contain_text("Incident: 0:")
+    expect(hers.locator("#past-trace .trace-sentence")).to_contain_text("Stop: ")
+    found += in_both_themes(hers, "an incident")
     assert found == []
-    assert len(hers.evaluate("window.said")) == 1, "a screen reader hears a new alert once, not at every refresh"
+    assert said == 1, "a screen reader hears a new alert once, not at every refresh"
     assert hers.evaluate(WHEN_IT_SOUNDS) == ["low", None, "high", None, "high", None, None, "high"]
 
     server.stop()

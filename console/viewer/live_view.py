@@ -21,6 +21,15 @@ _TRAIL_SPACING_M = 0.25
 _TRAIL_POINTS_COUNT = 240
 
 
+@dataclass(frozen=True, slots=True)
+class PastMark:
+    """Says of a view that it is of the past."""
+
+    words: str
+    console_s: float
+    """The console's monotonic clock now: the scene itself is as young as ever."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveView:
     """One device at one instant, as the scene shows it; ``device`` is None while none has ever connected."""
@@ -36,6 +45,8 @@ class LiveView:
     """How far off the route the walker was at each (n,); NaN where there was no route."""
     others: tuple[LiveDevice, ...] = ()
     """The other devices."""
+    past: PastMark | None = None
+    """Where this is of a past walk: ``now_s`` is on the clock of then."""
 
     @property
     def state(self) -> WalkerState | None:

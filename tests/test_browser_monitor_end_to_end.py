@@ -410,15 +410,15 @@ def test_the_walk_has_come_by_itself_and_is_scrubbed_and_played(stage: Stage) ->
     shot(vera, "walks")
     row.get_by_role("link").click()
     assert walk_id in vera.url
-    action, state, sentence = (vera.locator(place) for place in ("#past-now-action", "#past-now-state", ".trace-sentence"))
+    action, state, figures = (vera.locator(f"#past-{part}") for part in ("now-action", "now-state", "figures"))
     expect(state).to_have_text("Guiding")
     walker = vera.locator(".plan-walker")
-    place, decision = walker.get_attribute("transform"), sentence.inner_text()
+    place, before = walker.get_attribute("transform"), figures.text_content() or ""
 
     vera.locator("#position").fill("12.0")
     expect(vera.locator("#past-mark")).to_contain_text(re.compile("0:1[12]"))
     expect(state).to_have_text("Guiding")
-    expect(sentence).not_to_have_text(decision)
+    expect(figures).not_to_have_text(before)
     assert walker.get_attribute("transform") != place, "the walker stands elsewhere on the plan"
     shot(vera, "past")
 
@@ -426,6 +426,7 @@ def test_the_walk_has_come_by_itself_and_is_scrubbed_and_played(stage: Stage) ->
     vera.locator("#play").click()
     expect(vera.locator("#play")).to_have_text("Pause")
     expect(action).to_have_text("Arrived at Wash room")
+    expect(vera.locator(".trace-sentence")).to_have_text(re.compile("^Stop"))
     expect(vera.locator("#play")).to_have_text("Play")
     expect(vera.locator("#walk-figures")).to_contain_text("Deviation, mean")
     shot(vera, "past-end")

@@ -29,7 +29,7 @@ export function openWalk(url, walk, words, graph) {
   const depthUrl = ({ depth_at_s }) => `${url}/depth.jpg?at=${depth_at_s}`;
   const trace = new TracePanel($("past-trace"));
   const walker = new Walker(
-    { now: $("past-told"), figures: $("past-figures"), depth: summary.has_pictures ? $("past-depth") : null, events: $("past-events") },
+    { now: $("past-walker"), figures: $("past-figures"), depth: summary.has_pictures ? $("past-depth") : null, events: $("past-happened") },
     { prefix: "past-", depthUrl });
   const plan = new WalkPlan($("walk-plan"), $("walk-layers"), graph, "Floor plan with the road, the route, the walker's trail by its distance from the route, and the walker at this instant.", "walk");
   const strip = new Strip($("strip"), (at_s) => player.seek(at_s));

@@ -82,6 +82,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
+        self._ahead: set[str] = set()
+        """Devices whose stamps are ahead of their clock as it was compared; the log tells of it once."""
         self._listeners: list[Listener] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
@@ -313,9 +315,10 @@ class DeviceHub:
     def _updated(self, device: LiveDevice, message: DeviceMessage, now_s: float) -> LiveDevice:
         match message:
             case WalkerState():
+                self._look_at_stamp(device, message.stamp_s, now_s)
                 return replace(device, state=message, state_arrival_s=now_s)
             case DepthImage():
-                return replace(device, depth_image=message)
+                return replace(device, depth_image=message, depth_arrival_s=now_s)
             case ColourImage():
                 return self._with_colour(device, message, now_s)
             case RouteChanged():
@@ -337,6 +340,18 @@ class DeviceHub:
                 return replace(device, hello=message)
             case SettingsRunning() | GraphRunning() | MapRunning() | MapWalkRunning():
                 return _runs(device, message)
+
+    def _look_at_stamp(self, device: LiveDevice, stamp_s: float, now_s: float) -> None:
+        """Note in the log, once, that a device's clock is ahead of what was compared: its ages are counted from
+        arrival."""
+        ahead_s = stamp_s - device.clock_offset_s - now_s
+        is_ahead = device.clock_uncertainty_s is not None and ahead_s > device.clock_uncertainty_s
+        if is_ahead and device.device_id not in self._ahead:
+            _log.warning(
+                "%s stamps what it sends %.1f s ahead of its own clock as it was compared: see whether its clock was set"
+                " meanwhile. Ages are counted from arrival until it is right.", device.name, ahead_s,
+            )  # fmt: skip
+        (self._ahead.add if is_ahead else self._ahead.discard)(device.device_id)
 
     def _with_colour(self, device: LiveDevice, image: ColourImage, now_s: float) -> LiveDevice:
         if device.colour_left_s(now_s) <= 0.0:

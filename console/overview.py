@@ -31,7 +31,7 @@ def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords, *, is_
     return {
         "name": device.name,
         "connected": device.connected,
-        "captured_s": round(state.stamp_s - device.clock_offset_s, 3) if state is not None else None,
+        "captured_s": _rounded(device.captured_s if state is not None else None, 3),
         "uncertainty_s": _rounded(device.clock_uncertainty_s, 4),
         "link_delay_s": _rounded(device.round_trip_s / 2 if device.round_trip_s is not None else None, 3),
         **(_state_row(state, graph, places) if state is not None else dict.fromkeys(_OF_THE_STATE)),

@@ -10,7 +10,7 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -19,7 +19,6 @@ from console.command_fate import judge, superseded
 from console.errors import ConflictError, NotFoundError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
 from navcore.planning.poi_graph import PoiGraph
-from navcore.settings import SettingValue
 from navcore.wire import (
     ApplySettings,
     AskColour,
@@ -273,18 +272,9 @@ class DeviceHub:
         request_id = int(self._wall_s() * 1000)
         return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
 
-    def apply_settings(
-        self,
-        device_id: str,
-        revision: int,
-        values: Mapping[str, SettingValue],
-        who: str,
-        revert_after_s: float = 0.0,
-        override_reason: str = "",
-    ) -> Command:
-        """Have the device run these settings, all or none; for so long unless they are kept, where that is not 0."""
-        order = ApplySettings(revision, dict(values), revert_after_s, override_reason)
-        return self._command(device_id, "apply_settings", str(revision), who, order)
+    def apply_settings(self, device_id: str, order: ApplySettings, who: str) -> Command:
+        """Have the device change its settings."""
+        return self._command(device_id, "apply_settings", str(order.revision), who, order)
 
     def keep_settings(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
         """Have the device keep the settings that it tries out, or give them up."""
@@ -348,8 +338,8 @@ class DeviceHub:
         is_ahead = device.clock_uncertainty_s is not None and ahead_s > device.clock_uncertainty_s
         if is_ahead and device.device_id not in self._ahead:
             _log.warning(
-                "%s stamps what it sends %.1f s ahead of its own clock as it was compared: see whether its clock was set"
-                " meanwhile. Ages are counted from arrival until it is right.", device.name, ahead_s,
+                "%s stamps what it sends %.1f s ahead of its clock as it was compared: see whether its clock was set."
+                " Ages are counted from arrival until it is right.", device.name, ahead_s,
             )  # fmt: skip
         (self._ahead.add if is_ahead else self._ahead.discard)(device.device_id)
 

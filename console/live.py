@@ -6,7 +6,6 @@ import enum
 from dataclasses import dataclass, field
 from typing import Literal
 
-from navcore.modes import ON_THE_WAY, Mode
 from navcore.settings import SettingValue
 from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, SharingRunning, WalkerState
 
@@ -156,11 +155,8 @@ class LiveDevice:
 
     @property
     def leads_somebody(self) -> bool:
-        """As far as the device has told, somebody is being led and not paused; in a fault, wherever there is a goal."""
-        state = self.state
-        if state is None:
-            return False
-        return state.mode in ON_THE_WAY or (state.mode is Mode.FAULT and state.destination_id is not None)
+        """As far as the device has told, somebody is being led, though they may stand just now."""
+        return self.state is not None and self.state.leads_somebody
 
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""

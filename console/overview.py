@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 """Every row has the same fields: what is not known any more is told as None."""
 _OF_THE_STATE = (
     "mode", "mode_label", "mode_sentence", "action", "reason", "quality", "direction_rad", "place", "destination",
-    "remaining_m", "battery_percent",
+    "remaining_m", "battery_percent", "leads_somebody",
 )  # fmt: skip
 
 
@@ -52,6 +52,7 @@ def _state_row(state: WalkerState, graph: PoiGraph, places: PlaceWords) -> Row:
         "destination": destination.name if destination is not None else state.destination_id,
         "remaining_m": _rounded(state.remaining_m, 0),
         "battery_percent": _rounded(state.battery_percent, 0),
+        "leads_somebody": state.leads_somebody,
     }
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from console.live_panel import reason_sentence
 from console.walk_timeline import WalkTimeline
 from navcore.geometry import FloatArray
-from navcore.modes import ON_THE_WAY, Mode
+from navcore.modes import ON_THE_WAY, Mode, is_led
 from navcore.types import Reason
 
 MarkKind = Literal["stop", "weak", "off_road", "disagreement", "cue", "event", "order"]
@@ -44,8 +44,9 @@ class Mark(msgspec.Struct, frozen=True):
 
 def led(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether somebody was being led, though they may stand just then."""
-    leading = timeline.is_word("mode", *ON_THE_WAY, Mode.PAUSED)
-    return leading | (timeline.is_word("mode", Mode.FAULT) & ~timeline.is_word("destination_id", ""))
+    alone = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=False)))
+    with_goal = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=True)))
+    return alone | (with_goal & ~timeline.is_word("destination_id", ""))
 
 
 def on_the_way(timeline: WalkTimeline) -> NDArray[np.bool_]:

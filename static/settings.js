@@ -121,10 +121,11 @@ function applyDraft() {
 
 async function apply({ title, values, ask }) {
   const found = differences(specs, running, values);
+  const seen_revision = device.settings_revision;
   await askToApply({
     title, found, device: device.name, walking: device.leads_somebody, trial_s,
     send: async (consent) => {
-      const { command } = await ask(consent);
+      const { command } = await ask({ ...consent, seen_revision });
       const keys = found.map(({ spec }) => spec.key);
       sent = { revision: command.detail, keys };
       for (const key of keys) {

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from console.timeline import Timeline
 from navcore.geometry import FloatArray
-from navcore.modes import ON_THE_WAY, Mode
+from navcore.modes import ON_THE_WAY, Mode, is_led
 from navcore.types import Reason
 
 MarkKind = Literal["stop", "weak", "off_road", "disagreement", "cue", "event", "order", "alert"]
@@ -43,8 +43,9 @@ class Mark(msgspec.Struct, frozen=True):
 
 def led(timeline: Timeline) -> NDArray[np.bool_]:
     """Return (n,) whether somebody was being led, though they may stand just then."""
-    leading = timeline.is_word("mode", *ON_THE_WAY, Mode.PAUSED)
-    return leading | (timeline.is_word("mode", Mode.FAULT) & ~timeline.is_word("destination_id", ""))
+    alone = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=False)))
+    with_goal = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=True)))
+    return alone | (with_goal & ~timeline.is_word("destination_id", ""))
 
 
 def on_the_way(timeline: Timeline) -> NDArray[np.bool_]:

@@ -122,17 +122,11 @@ class Finding:
 
 
 # ------------------------------------------------------------------------------------------------- what is looked at
-LED_MODES = frozenset({Mode.GUIDING, Mode.PAUSED, Mode.LOST, Mode.FAULT})
 _CLOSED = frozenset({Reason.NO_CANDIDATE, Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD})
 _DEPTH_RANGE_M = 6.0
 """Where the depth camera sees nothing ahead, it is free at least so far."""
 _GAP_M = 1.0
 _DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
-
-
-def is_led(state: WalkerState) -> bool:
-    """Say whether the device is leading somebody, or has been until something stopped it."""
-    return state.mode in LED_MODES and (state.destination_id is not None or state.mode is Mode.GUIDING)
 
 
 def observe(device: LiveDevice | None, now_s: float, heard_s: float, was_led: bool) -> Observation:
@@ -142,7 +136,7 @@ def observe(device: LiveDevice | None, now_s: float, heard_s: float, was_led: bo
     """
     fresh = device is not None and device.freshness(now_s) in (Freshness.LIVE, Freshness.DELAYED)
     state = device.state if fresh and device is not None else None
-    return Observation(state, max(0.0, now_s - heard_s), was_led if state is None else is_led(state))
+    return Observation(state, max(0.0, now_s - heard_s), was_led if state is None else state.leads_somebody)
 
 
 def judge(rule: Rule, seen: Observation, was_holding: bool) -> Finding:

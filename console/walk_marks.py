@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from console.live_panel import reason_sentence
 from console.walk_timeline import WalkTimeline
 from navcore.geometry import FloatArray
-from navcore.modes import ON_THE_WAY, Mode
+from navcore.modes import ON_THE_WAY, Mode, is_led
+from navcore.sonar_gap import sonar_gap_m
 from navcore.types import Reason
 
 MarkKind = Literal["stop", "weak", "off_road", "disagreement", "cue", "event", "order"]
@@ -27,7 +28,6 @@ DISAGREE_BY_M = 0.5
 """So much nearer than what the depth camera sees it must be to be something else."""
 _LEAST_S = 0.5
 """What lasts for a shorter time is not told; what comes again as soon is the same."""
-_NOT_SEEN = (Reason.DEPTH_INVALID.value, Reason.SENSOR_STALE.value)
 
 
 class Mark(msgspec.Struct, frozen=True):
@@ -44,8 +44,12 @@ class Mark(msgspec.Struct, frozen=True):
 
 def led(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether somebody was being led, though they may stand just then."""
-    leading = timeline.is_word("mode", *ON_THE_WAY, Mode.PAUSED)
-    return leading | (timeline.is_word("mode", Mode.FAULT) & ~timeline.is_word("destination_id", ""))
+    has_destination = ~timeline.is_word("destination_id", "")
+    always, with_destination = (
+        timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=has)))
+        for has in (False, True)
+    )
+    return always | (with_destination & has_destination)
 
 
 def on_the_way(timeline: WalkTimeline) -> NDArray[np.bool_]:
@@ -76,9 +80,12 @@ def off_road(timeline: WalkTimeline) -> NDArray[np.bool_]:
 def disagreeing(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether the rangefinder heard something near where the depth camera saw free: glass, mostly."""
     heard_m, seen_m = timeline.numbers["sonar_m"], timeline.numbers["nearest_ahead_m"]
-    near = timeline.is_word("sonar_state", "ok") & (heard_m < HEARD_WITHIN_M)
-    farther = np.isnan(seen_m) | (seen_m - heard_m > DISAGREE_BY_M)
-    return led(timeline) & near & farther & ~timeline.is_word("reason", *_NOT_SEEN)
+    found = led(timeline) & timeline.is_word("sonar_state", "ok") & (heard_m < HEARD_WITHIN_M)
+    for index in np.flatnonzero(found):
+        ahead_m = None if np.isnan(seen_m[index]) else float(seen_m[index])
+        gap_m = sonar_gap_m("ok", float(heard_m[index]), ahead_m, timeline.word("reason", index))
+        found[index] = gap_m is not None and gap_m > DISAGREE_BY_M
+    return found
 
 
 def marks_of(timeline: WalkTimeline) -> tuple[Mark, ...]:

@@ -15,7 +15,7 @@ from typing import Annotated, Literal, TypeVar, cast
 import msgspec
 
 from navcore.errors import VersionError, WireError
-from navcore.modes import Mode
+from navcore.modes import Mode, is_led
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 from navcore.wire_trace import DecisionTraceView, Finite, WireCandidate
@@ -121,6 +121,11 @@ class WalkerState(_Message, frozen=True, tag="state"):
     is_charging: bool | None = None
     temperature_c: Finite | None = None
     """Of the hottest part that the device measures; None where it measures none."""
+
+    @property
+    def leads_somebody(self) -> bool:
+        """Whether somebody is being led, though they may stand just now."""
+        return is_led(self.mode, has_destination=self.destination_id is not None)
 
 
 class DepthImage(_Message, frozen=True, tag="depth_image"):

@@ -90,15 +90,19 @@ class Room:
         for _ in range(int(2 * length_s)):
             self.now_s += 0.5
             self.state(name, **changes)
-            self.alerts.check()
-            self.incidents.write()
+            self.look()
 
     def wait(self, length_s: float) -> None:
         """Let time pass in which nothing is heard."""
         for _ in range(int(2 * length_s)):
             self.now_s += 0.5
-            self.alerts.check()
-            self.incidents.write()
+            self.look()
+
+    def look(self) -> None:
+        """Let the timers do their work once."""
+        self.alerts.check()
+        self.alerts.write()
+        self.incidents.write()
 
     def standing(self) -> list[tuple[str, Phase]]:
         return [(alert.record.kind, alert.phase) for alert in self.alerts.active()]

@@ -17,7 +17,6 @@ from typing import Literal
 
 from console.live import STALE_AFTER_S, Freshness, LiveDevice
 from console.live_panel import reason_sentence
-from navcore import modes
 from navcore.modes import Mode
 from navcore.sonar_gap import sonar_gap_m
 from navcore.types import Reason
@@ -133,11 +132,6 @@ _GAP_M = 1.0
 _DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
 
 
-def is_led(state: WalkerState) -> bool:
-    """Say whether the device is leading somebody, or has been until something stopped it."""
-    return modes.is_led(state.mode, has_destination=state.destination_id is not None)
-
-
 def observe(
     device: LiveDevice | None, now_s: float, heard_s: float, was_led: bool, *, broke_off: bool = False
 ) -> Observation:
@@ -149,7 +143,7 @@ def observe(
     fresh = device is not None and device.freshness(now_s) in (Freshness.LIVE, Freshness.DELAYED)
     state = device.state if fresh and device is not None else None
     silent_s = max(0.0, now_s - heard_s)
-    return Observation(state, silent_s, was_led if state is None else is_led(state), broke_off)
+    return Observation(state, silent_s, was_led if state is None else state.leads_somebody, broke_off)
 
 
 def judge(rule: Rule, seen: Observation, was_holding: bool) -> Finding:

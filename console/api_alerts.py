@@ -59,7 +59,6 @@ def _add_alert_routes(app: FastAPI, services: Services) -> None:
         alerts.unshelve(alert_id, visitor.user_name)
         return json_response({"active": alerts.views()})
 
-
     @app.post("/api/devices/{device_id}/end_watch")
     def end_watch(visitor: Visitor, device_id: str, body: EndWatchBody) -> Response:
         """Miss a device no more that led somebody and has gone."""

@@ -46,8 +46,7 @@ def led(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether somebody was being led, though they may stand just then."""
     has_destination = ~timeline.is_word("destination_id", "")
     always, with_destination = (
-        timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=has)))
-        for has in (False, True)
+        timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=has))) for has in (False, True)
     )
     return always | (with_destination & has_destination)
 

@@ -45,7 +45,6 @@ from navcore.wire import (
     encode,
 )
 
-
 DEADLINE_S = 10.0
 
 

@@ -119,7 +119,9 @@ class Alerts:
         self._began_s = hub.now_s()
         wall_s = store.wall_s()
         self._kept_led: dict[str, LedRecord | None] = {each.device_id: each for each in store.leading()}
-        self._watches = {key: Watch.resumed(each, self._began_s, wall_s) for key, each in self._kept_led.items() if each}
+        self._watches = {
+            key: Watch.resumed(each, self._began_s, wall_s) for key, each in self._kept_led.items() if each
+        }
         for record in store.open_records():
             self._take_up(record, self._began_s)
         self._show()

@@ -80,7 +80,7 @@ def disagreeing(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether the rangefinder heard something near where the depth camera saw free: glass, mostly."""
     heard_m, seen_m = timeline.numbers["sonar_m"], timeline.numbers["nearest_ahead_m"]
     found = led(timeline) & timeline.is_word("sonar_state", "ok") & (heard_m < HEARD_WITHIN_M)
-    for index in np.flatnonzero(found):
+    for index in np.flatnonzero(found).tolist():
         ahead_m = None if np.isnan(seen_m[index]) else float(seen_m[index])
         gap_m = sonar_gap_m("ok", float(heard_m[index]), ahead_m, timeline.word("reason", index))
         found[index] = gap_m is not None and gap_m > DISAGREE_BY_M

@@ -76,8 +76,8 @@ class AlertStore:
             session.add_all(AlertStepRow(**asdict(step) | {"what": step.what.value}) for step in steps)
             if audit:
                 self._store.add_audit(session, *audit)
-            for device_id, record in led.items():
-                _note_led(session, device_id, record, self.wall_s())
+            for device_id, leads in led.items():
+                _note_led(session, device_id, leads, self.wall_s())
 
     def open_records(self) -> list[AlertRecord]:
         """Return the alerts that are not done with, oldest first."""

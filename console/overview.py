@@ -17,8 +17,8 @@ from navcore.wire import WalkerState
 Row = Mapping[str, Any]
 """Every row has the same fields: what is not known any more is told as None."""
 _OF_THE_STATE = (
-    "mode", "mode_label", "mode_sentence", "led", "action", "reason", "quality", "direction_rad", "place",
-    "destination", "remaining_m", "battery_percent",
+    "mode", "mode_label", "mode_sentence", "action", "reason", "quality", "direction_rad", "place", "destination",
+    "remaining_m", "battery_percent",
 )  # fmt: skip
 
 
@@ -44,7 +44,6 @@ def _state_row(state: WalkerState, graph: PoiGraph, places: PlaceWords) -> Row:
         "mode": state.mode.value,
         "mode_label": state.mode.label,
         "mode_sentence": state.mode.sentence,
-        "led": state.leads_somebody,
         "action": state.action,
         "reason": reason_sentence(state.reason),
         "quality": state.quality,

@@ -44,11 +44,9 @@ class Mark(msgspec.Struct, frozen=True):
 
 def led(timeline: WalkTimeline) -> NDArray[np.bool_]:
     """Return (n,) whether somebody was being led, though they may stand just then."""
-    has_destination = ~timeline.is_word("destination_id", "")
-    always, with_destination = (
-        timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=has))) for has in (False, True)
-    )
-    return always | (with_destination & has_destination)
+    alone = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=False)))
+    with_goal = timeline.is_word("mode", *(mode for mode in Mode if is_led(mode, has_destination=True)))
+    return alone | (with_goal & ~timeline.is_word("destination_id", ""))
 
 
 def on_the_way(timeline: WalkTimeline) -> NDArray[np.bool_]:

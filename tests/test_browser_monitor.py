@@ -15,7 +15,7 @@ from walking_device import WalkingDevice
 
 from console.live import CommandKind
 from console.server import ConsoleServer
-from navcore.modes import Mode, is_led
+from navcore.modes import Mode
 from navcore.wire import WalkerState
 
 pytestmark = pytest.mark.browser
@@ -58,10 +58,10 @@ async () => {
 }
 """
 NEED = """
-async (ledModes) => {
+async () => {
   const { attention, byNeed } = await import('/static/attention.js');
   const row = (mode, action = 'walk', quality = 'localized', connected = true) => (
-    { connected, mode, led: ledModes.includes(mode), action, quality, reason: 'why' });
+    { connected, mode, action, quality, reason: 'why' });
   const all = {
     walks: [row('guiding'), 'live'], ready: [row('ready'), 'live'], silent: [row('guiding'), 'stale'],
     stands: [row('guiding', 'stop'), 'live'], lost: [row('lost', 'stop', 'lost'), 'live'],
@@ -228,7 +228,7 @@ def test_the_overview_shows_who_needs_somebody_and_leads_to_them(page: Page, ser
     expect(card).to_contain_text("Glasses of Ada")
     expect(card).to_contain_text("between Hall and Bar")
     expect(card).to_have_attribute("data-need", "warn")
-    assert page.evaluate(NEED, [mode.value for mode in Mode if is_led(mode, has_destination=True)]) == [
+    assert page.evaluate(NEED) == [
         "fault", "gone", "silent", "lost", "stands", "unsure", "pauses", "walks", "ready", "away",
     ]  # fmt: skip
     lines, kept_count, _ = page.evaluate(GAPS)

@@ -163,6 +163,8 @@ class _ConsentBody(_Body):
     """Why that is changed though somebody is being led."""
     trial_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)] = TRIAL_S
     """How long it is tried out."""
+    seen_revision: Annotated[int, Field(ge=0)] | None = None
+    """What the device ran when somebody decided; refused where another one runs by now."""
 
 
 class SettingsBody(_ConsentBody):

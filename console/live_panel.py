@@ -43,7 +43,7 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
         "route": _route_view(device, now_s),
         "off_road_m": (device.settings or {}).get(OFF_ROAD_SETTING),
         "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
-        "depth_age_s": device.age_of(device.depth_image.stamp_s, now_s) if device.depth_image else None,
+        "depth_age_s": device.depth_age_s(now_s),
         "events": [
             {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
             for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from device_hall import Rig
 from recorded_walk import STORED_WALK
 from test_past_walks import take
 
@@ -19,10 +20,14 @@ from console.recordings import Recordings
 from console.what_if import MAX_WAITING_COUNT, WhatIfRun, WhatIfs
 from console.what_if_result import Decision, DecisionPair, compared, read_decisions
 from device_agent.cli import main
+from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
+from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.replay import replay
+from device_agent.recording.walk_files import parts_in
 from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
+from navcore.wire import ApplySettings, SetDestination
 
 WALK = "20261129T114718Z-glasses"
 WAIT_S = 120.0
@@ -132,6 +137,29 @@ def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> N
         assert sub_goal is not None
         assert before is not None
         assert sub_goal.x_m > before.x_m + 1.0
+
+
+def test_what_runs_again_after_a_trial_does_not_undo_what_is_looked_at(tmp_path: Path) -> None:
+    """The recording begins while something is tried out, which ends on the way."""
+    rig = Rig(tap=(recorder := WalkRecorder(RecordingOptions(tmp_path, reserve_bytes=0))))
+    rig.agent.submit(ApplySettings(1, {"gate.clearance_m": 1.5}, revert_after_s=1.5))
+    rig.cycles(2)
+    rig.agent.submit(SetDestination("bar"))
+    for _ in range(30):
+        rig.cycles(1)
+        recorder.check()
+    recorder.close()
+    (part,) = (each for each in map(RecordedPart, parts_in(tmp_path)) if each.opening.state.trial is not None)
+    as_then = list(replay([part]))
+    assert not any(cycle.differs_in for cycle in as_then)
+    assert {cycle.cycle.guidance.trace.gate_m for cycle in as_then} >= {1.5, 2.0}, "it ended on the way"
+    told_m = [
+        cycle.cycle.guidance.trace.gate_m
+        for cycle in replay([part], changes={"gate.clearance_m": 1.3})
+        if cycle.cycle.guidance.trace.gate_m is not None
+    ]
+    assert len(told_m) > 20
+    assert set(told_m) == {1.3}
 
 
 def test_the_command_writes_each_decision_then_and_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

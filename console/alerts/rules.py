@@ -132,18 +132,14 @@ _GAP_M = 1.0
 _DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
 
 
-def observe(
-    device: LiveDevice | None, now_s: float, heard_s: float, was_led: bool, *, broke_off: bool = False
-) -> Observation:
+def observe(device: LiveDevice | None, now_s: float, heard_s: float, was_led: bool) -> Observation:
     """Return what is known of a device (None: it has not called since the console started).
 
-    ``heard_s`` is when what it said last was true, on the clock of ``now_s``; ``was_led`` and ``broke_off`` are what
-    was known then.
+    ``heard_s`` is when what it said last was true, on the clock of ``now_s``; ``was_led`` is what it said then.
     """
     fresh = device is not None and device.freshness(now_s) in (Freshness.LIVE, Freshness.DELAYED)
     state = device.state if fresh and device is not None else None
-    silent_s = max(0.0, now_s - heard_s)
-    return Observation(state, silent_s, was_led if state is None else state.leads_somebody, broke_off)
+    return Observation(state, max(0.0, now_s - heard_s), was_led if state is None else state.leads_somebody)
 
 
 def judge(rule: Rule, seen: Observation, was_holding: bool) -> Finding:

@@ -60,10 +60,10 @@ class LiveView:
     @property
     def is_silhouette_believed(self) -> bool:
         """Whether the depth image, which comes more rarely than the state, may still hold."""
-        image = self.device.depth_image if self.device is not None else None
-        if self.device is None or image is None:
+        age_s = self.device.depth_age_s(self.now_s) if self.device is not None else None
+        if self.device is None or age_s is None:
             return False
-        age_s = self.device.age_of(image.stamp_s, self.now_s) + (self.device.clock_uncertainty_s or 0.0)
+        age_s += self.device.clock_uncertainty_s or 0.0
         return freshness(age_s, self.device.connected) in (Freshness.LIVE, Freshness.DELAYED)
 
     @property

@@ -30,7 +30,7 @@ from device_agent.recording import exact
 from device_agent.recording.notes import CycleNotes, MapTaken, OrderTaken, Raised
 from device_agent.recording.reading import RecordedCycle, RecordedPart
 from device_agent.recording.tap import Tap
-from device_agent.state import PreparedMap
+from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
 from navcore.geometry import Transform
@@ -191,7 +191,7 @@ class _Run:
         self.walk_id, self.next_number = opening.walk_id, opening.next_number
         self._from_pictures = make_localizer is not None
         self._intrinsics = opening.intrinsics
-        state = replace(opening.state, settings=opening.state.settings.changed(changes))
+        state = _changed(opening.state, changes)
         if opening.waiting_map is not None:
             state = replace(state, waiting_map=self._prepared(opening.waiting_map))
         localizer: LocalizerPort = _NoLocalizer()
@@ -253,6 +253,14 @@ class _Run:
             taken.graph,
         )  # fmt: skip
         return PreparedMap(Path(), taken.checksum, site, _NoLocalizer(), taken.told)
+
+
+def _changed(state: DeviceState, changes: Mapping[str, SettingValue]) -> DeviceState:
+    """Return a state under other settings: those that run again after a trial are changed too."""
+    trial = state.trial
+    if trial is not None:
+        trial = replace(trial, before=trial.before.changed(changes))
+    return replace(state, settings=state.settings.changed(changes), trial=trial)
 
 
 def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:

@@ -11,7 +11,7 @@ from console.alerts.alert_store import AlertRecord, AlertStep
 from console.alerts.incident_bundle import bundle
 from console.alerts.incidents import Cause
 from console.alerts.rules import RULES
-from console.bodies import AcknowledgeBody, ShelveBody
+from console.bodies import AcknowledgeBody, EndWatchBody, ShelveBody
 from console.incident_timeline import IncidentTimeline
 from console.requests import Visitor, json_response
 from console.services import Services
@@ -67,6 +67,12 @@ def _add_alert_routes(app: FastAPI, services: Services) -> None:
     @app.post("/api/alerts/{alert_id}/unshelve")
     def unshelve(visitor: Visitor, alert_id: str) -> Response:
         alerts.unshelve(alert_id, visitor.user_name)
+        return json_response({"active": alerts.views()})
+
+    @app.post("/api/devices/{device_id}/end_watch")
+    def end_watch(visitor: Visitor, device_id: str, body: EndWatchBody) -> Response:
+        """Miss a device no more that led somebody and has gone."""
+        alerts.end_watch(device_id, visitor.user_name, body.why.strip())
         return json_response({"active": alerts.views()})
 
 

@@ -58,6 +58,12 @@ class ShelveBody(_Body):
     reason: Annotated[str, Field(min_length=1, max_length=300)]
 
 
+class EndWatchBody(_Body):
+    """Why a device that led somebody, and has gone, is missed no more."""
+
+    why: Annotated[str, Field(min_length=1, max_length=300)]
+
+
 class ViewBody(_Body):
     """What the page asks of the scene inside it: a place or a point of the floor to fly to, a device to show, or
     where the camera is to go.

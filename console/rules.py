@@ -130,6 +130,7 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("GET", "/api/incidents/{incident_id}/bundle.zip"): EVERYBODY,
     ("DELETE", "/api/incidents/{incident_id}"): ADMINS,
     ("POST", "/api/devices/{device_id}/keep"): EVERYBODY,
+    ("POST", "/api/devices/{device_id}/end_watch"): EDITORS,
     # Past walks of devices.
     ("GET", "/api/walks"): EVERYBODY,
     ("GET", "/api/walks/{walk_id}"): EVERYBODY,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from console.timeline import Timeline
 from navcore.geometry import FloatArray
 from navcore.modes import ON_THE_WAY, Mode, is_led
+from navcore.sonar_gap import sonar_gap_m
 from navcore.types import Reason
 
 MarkKind = Literal["stop", "weak", "off_road", "disagreement", "cue", "event", "order", "alert"]
@@ -26,7 +27,6 @@ DISAGREE_BY_M = 0.5
 """So much nearer than what the depth camera sees it must be to be something else."""
 _LEAST_S = 0.5
 """What lasts for a shorter time is not told; what comes again as soon is the same."""
-_NOT_SEEN = (Reason.DEPTH_INVALID.value, Reason.SENSOR_STALE.value)
 
 
 class Mark(msgspec.Struct, frozen=True):
@@ -76,9 +76,12 @@ def off_road(timeline: Timeline) -> NDArray[np.bool_]:
 def disagreeing(timeline: Timeline) -> NDArray[np.bool_]:
     """Return (n,) whether the rangefinder heard something near where the depth camera saw free: glass, mostly."""
     heard_m, seen_m = timeline.numbers["sonar_m"], timeline.numbers["nearest_ahead_m"]
-    near = timeline.is_word("sonar_state", "ok") & (heard_m < HEARD_WITHIN_M)
-    farther = np.isnan(seen_m) | (seen_m - heard_m > DISAGREE_BY_M)
-    return led(timeline) & near & farther & ~timeline.is_word("reason", *_NOT_SEEN)
+    found = led(timeline) & timeline.is_word("sonar_state", "ok") & (heard_m < HEARD_WITHIN_M)
+    for index in np.flatnonzero(found).tolist():
+        ahead_m = None if np.isnan(seen_m[index]) else float(seen_m[index])
+        gap_m = sonar_gap_m("ok", float(heard_m[index]), ahead_m, timeline.word("reason", index))
+        found[index] = gap_m is not None and gap_m > DISAGREE_BY_M
+    return found
 
 
 def marks_of(timeline: Timeline) -> tuple[Mark, ...]:

@@ -30,7 +30,7 @@ from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
 from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261129T114718Z-glasses"
+WALK = "20261129T184832Z-glasses"
 WAIT_S = 120.0
 
 

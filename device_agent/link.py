@@ -42,6 +42,7 @@ from navcore.wire import (
     MapWalkSeen,
     Ping,
     Pong,
+    SharingRunning,
     WalkerState,
     Welcome,
     decode_from_console,
@@ -116,6 +117,8 @@ class ConsoleLink:
     def message(self, message: KeptMessage) -> None:
         """Hand over a message that is kept until it is sent."""
         self._outbox.keep(message)
+        if isinstance(message, SharingRunning) and message.walks:
+            self.recording_waits()
 
     def event(self, stamp_s: float, kind: EventKind, text: str) -> None:
         """Hand over an event that is kept until it is confirmed."""
@@ -127,7 +130,8 @@ class ConsoleLink:
         self._device = device
         self._maps = MapIntake(self._settings, device, self.message, self._pause_s, self._wait)
         self._uploads = RecordingUploads(
-            self._settings, self._something_to_upload, self._until_quiet, self._pause_s, self._wait, device.submit
+            self._settings, self._something_to_upload, self._until_quiet, self._pause_s, self._wait, device.submit,
+            self._outbox.shares_walks,
         )  # fmt: skip
         self._thread.start()
 

@@ -30,6 +30,10 @@ class RecordingQueue(Protocol):
 
     kind: RecordingKind
 
+    def may_go(self) -> bool:
+        """Whether recordings of this kind may leave the device just now; asked before each piece, reads no disk."""
+        ...
+
     def waiting(self) -> tuple[Path, ...]:
         """Return those that wait, oldest first."""
         ...
@@ -58,6 +62,10 @@ class MapWalkQueue:
     def __init__(self, folder: Path) -> None:
         """``folder`` holds the map walks."""
         self._folder = folder
+
+    def may_go(self) -> bool:
+        """Handing them over has said so."""
+        return True
 
     def waiting(self) -> tuple[Path, ...]:
         """Return those that wait, oldest first."""
@@ -94,12 +102,16 @@ class WalkQueue:
         """``folder`` is where the recorder writes; ``is_shared`` tells whether the walker shares them just now."""
         self._folder, self._is_shared = folder, is_shared
 
+    def may_go(self) -> bool:
+        """Whether the walker shares them."""
+        return self._is_shared()
+
     def waiting(self) -> tuple[Path, ...]:
         """Return the files of walks that are complete, or that nobody completes any more, oldest first.
 
         None wait while the walker shares none.
         """
-        if not self._is_shared():
+        if not self.may_go():
             return ()
         try:
             files = parts_in(self._folder)

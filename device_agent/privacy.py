@@ -88,10 +88,17 @@ def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
     )
 
 
-def can_answer(state: DeviceState, now_s: float) -> bool:
-    """Whether there is a question to be answered, or something allowed that could be ended."""
+def can_answer(state: DeviceState, allowed: bool, now_s: float) -> bool:
+    """Whether a press can be a *yes* (``allowed``) or a *no*: to a question, or to what is allowed already.
+
+    *Yes* is said only by who has heard the whole question; *no* by who has begun to. Until then a press means what it
+    always does: nobody allows, or refuses, what they do not know of.
+    """
     question = state.privacy.question
-    return (question is not None and now_s <= question.until_s) or state.privacy.colour is not None
+    if question is None:
+        # What is allowed already is not allowed again: *next* means what it always does.
+        return state.privacy.colour is not None and not allowed
+    return now_s <= question.until_s and (question.heard if allowed else question.begun)
 
 
 def passed(state: DeviceState, now_s: float) -> Step:
@@ -123,6 +130,8 @@ def heard(state: DeviceState, cues: tuple[Cue, ...]) -> DeviceState:
         elif saying is not None and (cue.kind, cue.text) == (saying.kind, saying.text):
             until_s = cue.stamp_s + speech_duration_s(cue.text, state.settings.cues.language)
             privacy = replace(privacy, saying=replace(saying, until_s=until_s))
+            if privacy.question is not None and saying.kind is CueKind.CONSENT:
+                privacy = replace(privacy, question=replace(privacy.question, begun=True))
         elif saying is not None and saying.until_s is not None and cue.stamp_s < saying.until_s and _cuts_off(cue):
             # The voice says it again by itself, as long as it remembers.
             privacy = replace(privacy, saying=replace(saying, until_s=None, offered_s=cue.stamp_s))

@@ -49,6 +49,8 @@ class Question:
     why: str
     until_s: float
     """No answer until then is *no*."""
+    begun: bool = False
+    """The walker has begun to hear it."""
     heard: bool = False
     """It has been said without being cut off."""
 

@@ -407,6 +407,7 @@ def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
             ben.http.post("/api/devices/glasses/colour", json={"why": "which door"}).raise_for_status()
             walk_until(lambda: heard("Ben asks to see pictures: which door."))
             assert ben.http.get("/api/devices/glasses/colour.jpg").status_code == 404
+            walk_until(lambda: (question := rig.agent.state.privacy.question) and question.heard)
             rig.press(Button.NEXT, PressKind.LONG)
             walk_until(lambda: seen(lambda each: each.colour_stamp_s is not None))
             picture = ben.http.get("/api/devices/glasses/colour.jpg").raise_for_status().content

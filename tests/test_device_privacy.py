@@ -209,7 +209,7 @@ def test_no_answer_is_no_and_a_refusal_says_so_at_once() -> None:
     assert rig.messages(SharingRunning)[-1].refusal == "The walker has not answered."
     assert said(rig)[-1] == "No pictures are shown."
     rig.agent.submit(AskColour(8, "Anna"))
-    rig.cycles(1)
+    rig.cycles(2)
     assert "No pictures." in rig.press(Button.PREVIOUS, LONG)
     pass_s(rig, 5.0)
     assert (rig.messages(SharingRunning)[-1].answered_id, rig.uplink.colour_images) == (8, [])
@@ -220,11 +220,11 @@ def test_what_was_allowed_ends_at_once_by_button_with_who_asked_with_the_link_an
     rig = Rig()
     watched_by(rig, "Anna", "Ben")
     rig.agent.submit(AskColour(7, "Anna"))
-    rig.cycles(10)
+    pass_s(rig, 12.0)
     heard = len(rig.output.cues)
     rig.press(Button.NEXT, LONG)
     rig.cycles(40)
-    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked to the end"
+    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked again"
     assert rig.uplink.colour_images
     if how == "button":
         rig.press(Button.PREVIOUS, LONG)
@@ -246,6 +246,21 @@ def test_while_somebody_asks_the_other_buttons_mean_what_they_always_do() -> Non
     rig.press(Button.MAIN)
     assert rig.agent.state.mode is Mode.PAUSED
     assert rig.agent.state.privacy.question is not None, "the question is still open"
+
+
+def test_nobody_allows_what_they_have_not_heard_to_the_end_nor_refuses_what_they_do_not_know_of() -> None:
+    rig = Rig()
+    watched_by(rig, "Anna")
+    rig.agent.submit(AskColour(7, "Anna", "which door is it"))
+    assert not any("No pictures" in words for words in rig.press(Button.PREVIOUS, LONG))
+    assert rig.agent.state.privacy.question is not None, "it was asked, and is not heard yet"
+    pass_s(rig, 1.0)
+    rig.press(Button.NEXT, LONG)
+    pass_s(rig, 1.0)
+    assert rig.agent.state.privacy.colour is None, "the question has not been heard to its end"
+    pass_s(rig, 20.0)
+    rig.press(Button.NEXT, LONG)
+    assert rig.agent.state.privacy.colour is not None
 
 
 def test_a_second_question_is_refused_while_the_first_is_open() -> None:
@@ -474,6 +489,7 @@ def test_a_walk_on_which_somebody_watches_and_asks_is_replayed_to_the_same_words
         rig.cycles(25)
         recorder.check()
         if isinstance(order, AskColour):
+            rig.cycles(60)
             rig.press(Button.NEXT, LONG)
             rig.cycles(60)
             open_privacy(rig)

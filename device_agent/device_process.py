@@ -250,6 +250,7 @@ def _tap(options: DeviceOptions, uplink: Uplink, stack: ExitStack) -> Tap:
     recorder = WalkRecorder(options.record)
     if isinstance(uplink, ConsoleLink):
         recorder.files.on_finished = uplink.recording_waits
+        uplink.open_walk = lambda: recorder.files.path
     stack.callback(recorder.close)
     recorder.start()
     return recorder

@@ -98,9 +98,14 @@ class WalkQueue:
 
     kind: RecordingKind = "walk"
 
-    def __init__(self, folder: Path, is_shared: Callable[[], bool]) -> None:
-        """``folder`` is where the recorder writes; ``is_shared`` tells whether the walker shares them just now."""
-        self._folder, self._is_shared = folder, is_shared
+    def __init__(
+        self, folder: Path, is_shared: Callable[[], bool], open_file: Callable[[], Path | None] = lambda: None
+    ) -> None:
+        """``folder`` is where the recorder writes, and ``open_file`` tells which of its files it writes just now.
+
+        ``is_shared`` tells whether the walker shares them just now.
+        """
+        self._folder, self._is_shared, self._open_file = folder, is_shared, open_file
 
     def may_go(self) -> bool:
         """Whether the walker shares them."""
@@ -119,8 +124,11 @@ class WalkQueue:
             # Nothing was recorded yet.
             return ()
         settled = self._settled()
-        waiting = [path for path in files if path.name not in settled]
-        return tuple(path for path in waiting if (path != files[-1] or _is_complete(path)) and _is_walk(path))
+        # Asked after the files were listed: none of them is begun later. Their names tell nothing of it, for a device
+        # without a clock of its own begins in 1970 until the network tells it the time.
+        open_name = None if (path := self._open_file()) is None else path.name
+        waiting = [path for path in files if path.name not in settled and path.name != open_name]
+        return tuple(path for path in waiting if _is_walk(path))
 
     def archive(self, recording: Path) -> RecordingArchive:
         """Return one as it is."""
@@ -148,14 +156,6 @@ class WalkQueue:
             # Everything is offered again; the console says at once what it has already.
             _log.warning("%s is passed over, for it cannot be read: %s", path, error)
             return {}
-
-
-def _is_complete(path: Path) -> bool:
-    """Say whether a file has its index: the one that is being written has none."""
-    try:
-        return WalkFile(path).length_s() is not None
-    except InputError:
-        return False
 
 
 def _is_walk(path: Path) -> bool:

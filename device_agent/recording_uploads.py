@@ -41,6 +41,7 @@ class RecordingUploads:
         wait: Callable[[float], Awaitable[None]],
         tell: Callable[[MapWalkTold], None],
         shares_walks: Callable[[], bool],
+        open_walk: Callable[[], Path | None] = lambda: None,
     ) -> None:
         """Put it together.
 
@@ -52,12 +53,13 @@ class RecordingUploads:
             wait: waits.
             tell: hears what is to be said.
             shares_walks: whether the walker shares recorded walks just now; asked before each piece.
+            open_walk: the file of a walk that is being written just now.
         """
         self._queues: list[RecordingQueue] = []
         if settings.map_walks is not None:
             self._queues.append(MapWalkQueue(settings.map_walks))
         if settings.walks is not None:
-            self._queues.append(WalkQueue(settings.walks, shares_walks))
+            self._queues.append(WalkQueue(settings.walks, shares_walks, open_walk))
         self._console = MapSource(settings.url, settings.token, settings.tls)
         self._waits, self._until_quiet = waits, until_quiet
         self._pause_s, self._wait, self._tell = pause_s, wait, tell

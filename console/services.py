@@ -119,6 +119,10 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         if command.kind == "ask_colour":
             access.note(command.who, "colour", device_id)
 
+    def look_who_watches() -> None:
+        hub.forget_colours()
+        watching.look()
+
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
@@ -140,10 +144,20 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
+    walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
+
+    def delete_walks_before(wall_s: float) -> int:
+        try:
+            return recordings.delete_before(wall_s)
+        finally:
+            here = walks.all()
+            walk_library.forget_deleted(here)
+            what_ifs.forget_deleted(here)
+
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
     kept_of_walkers: dict[str, DeleteBefore] = {
-        "Walks": recordings.delete_before,
+        "Walks": delete_walks_before,
         "Incidents": incidents.delete_before,
         "Alerts": alert_store.delete_before,
         "Events": delete_events_before,
@@ -174,8 +188,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         tuning=tuning,
         recordings=recordings,
         walks=walks,
-        walk_library=WalkLibrary(walks),
-        what_ifs=WhatIfs(walks),
+        walk_library=walk_library,
+        what_ifs=what_ifs,
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),
@@ -189,5 +203,5 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         access=access,
         watching=watching,
         retention=retention,
-        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, watching.look)),
+        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
     )

@@ -40,8 +40,9 @@ def _add_alert_routes(app: FastAPI, services: Services) -> None:
     alerts = services.alerts
 
     @app.get("/api/alerts")
-    def all_alerts(device: DeviceId = None, count: Count = 100) -> Response:
+    def all_alerts(visitor: Visitor, device: DeviceId = None, count: Count = 100) -> Response:
         """What is not done with, and what was raised last, newest first."""
+        services.access.note(visitor.user_name, "incident", device or "", "earlier alerts")
         recent = services.alert_store.recent(device, count)
         steps: dict[str, list[AlertStep]] = {}
         for each in services.alert_store.steps(record.alert_id for record in recent):
@@ -80,7 +81,8 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
     incidents = services.incidents
 
     @app.get("/api/incidents")
-    def all_incidents(device: DeviceId = None) -> Response:
+    def all_incidents(visitor: Visitor, device: DeviceId = None) -> Response:
+        services.access.note(visitor.user_name, "incident", device or "", "the list of incidents")
         found = [each for each in incidents.all() if device is None or each.device_id == device]
         return json_response({"incidents": found})
 

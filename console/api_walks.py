@@ -38,11 +38,17 @@ def note_access(services: Services, who: str, walk: PastWalk) -> None:
         services.access.note(who, "past_walk", device_id, walk.walk_id, walk.began_at_s)
 
 
+def note_list(services: Services, who: str) -> None:
+    """Write down who has looked at the list of all walks: when somebody walked is theirs as well."""
+    services.access.note(who, "past_walk", detail="the list of walks")
+
+
 def _add_list_routes(app: FastAPI, services: Services) -> None:
     library = services.walk_library
 
     @app.get("/api/walks")
-    def walks() -> Response:
+    def walks(visitor: Visitor) -> Response:
+        note_list(services, visitor.user_name)
         here = library.walks.all()
         library.forget_deleted(here)
         return json_response({"walks": [_row(library, walk) for walk in here]})

@@ -225,6 +225,14 @@ class DeviceHub:
                 raise NotFoundError("There is no picture that you may see: ask the walker first.")
             return image
 
+    def forget_colours(self) -> None:
+        """Forget the colour pictures that nobody may see any more, also where the device says nothing of it."""
+        with self._lock:
+            now_s = self.now_s()
+            for device_id in [key for key in self._colours if self._devices[key].colour_left_s(now_s) <= 0.0]:
+                del self._colours[device_id]
+                self._put(replace(self._devices[device_id], colour_stamp_s=None))
+
     def keep_events(self, device_id: str, stored: tuple[Event, ...]) -> None:
         """Forget the events of a device that are no longer among the latest ``stored`` ones, nor newer."""
         kept = {event.sequence for event in stored}

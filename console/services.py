@@ -123,6 +123,10 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         if command.kind == "ask_colour":
             access.note(command.who, "colour", device_id)
 
+    def look_who_watches() -> None:
+        hub.forget_colours()
+        watching.look()
+
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
@@ -144,9 +148,10 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
+    walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
+
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
-    walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks)
     incident_timelines = IncidentTimelines(incidents)
 
     def forget_deleted_walks() -> None:
@@ -201,7 +206,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         access=access,
         watching=watching,
         retention=retention,
-        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, watching.look)),
+        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ssl
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -55,5 +54,3 @@ class LinkSettings:
     """Folder of the map walks, whose recordings go to the console's machine; None where there are none."""
     walks: Path | None = None
     """Folder of the recorded walks; None where none are recorded."""
-    shares_walks: Callable[[], bool] = bool
-    """Whether the walker shares them with the console just now; asked before each is sent."""

@@ -114,10 +114,7 @@ def meaning_of(purpose: Mode, button: Button, kind: PressKind) -> Meaning:
 def _answer(state: DeviceState, press: ButtonPress, now_s: float) -> bool | None:
     """Return what a press says to who asks for pictures, or sees them; None where it says nothing to them."""
     allowed = ANSWERS.get((press.button, press.kind))
-    if allowed is None or not can_answer(state, now_s):
-        return None
-    # What is allowed already is not allowed again: *next* means what it always does.
-    return None if allowed and state.privacy.question is None else allowed
+    return allowed if allowed is not None and can_answer(state, allowed, now_s) else None
 
 
 def _stays_open(state: DeviceState, menu: Menu, now_s: float) -> bool:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from device_agent.sharing import ColourShown, Consent, LinkStands, Privacy, Question, Saying
+from device_agent.sharing import ColourShown, Consent, LinkStands, Privacy, Question, Saying, shared_by_both
 from device_agent.state import (
     DeviceState,
     Effect,
@@ -58,9 +58,15 @@ def taken(state: DeviceState, order: PrivacyOrder, now_s: float) -> Step:
             known = replace(privacy, accesses=order, wall_offset_s=order.now_s - now_s)
             return _with(state, known), (StoreAccesses(order),)
         case Consent():
-            return _consented(state, order)
+            return _heard_of_consent(state, order)
         case AskColour():
             return _asked(state, order, now_s)
+
+
+def consented(state: DeviceState, consent: Consent) -> Step:
+    """The walker changes what they share; it is kept."""
+    state = _with(state, replace(state.privacy, consent=replace(consent, version=state.privacy.consent.version + 1)))
+    return state, (StoreConsent(state.privacy.consent), *_told_of_consent(state))
 
 
 def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
@@ -82,10 +88,17 @@ def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
     )
 
 
-def can_answer(state: DeviceState, now_s: float) -> bool:
-    """Whether there is a question to be answered, or something allowed that could be ended."""
+def can_answer(state: DeviceState, allowed: bool, now_s: float) -> bool:
+    """Whether a press can be a *yes* (``allowed``) or a *no*: to a question, or to what is allowed already.
+
+    *Yes* is said only by who has heard the whole question; *no* by who has begun to. Until then a press means what it
+    always does: nobody allows, or refuses, what they do not know of.
+    """
     question = state.privacy.question
-    return (question is not None and now_s <= question.until_s) or state.privacy.colour is not None
+    if question is None:
+        # What is allowed already is not allowed again: *next* means what it always does.
+        return state.privacy.colour is not None and not allowed
+    return now_s <= question.until_s and (question.heard if allowed else question.begun)
 
 
 def passed(state: DeviceState, now_s: float) -> Step:
@@ -117,6 +130,8 @@ def heard(state: DeviceState, cues: tuple[Cue, ...]) -> DeviceState:
         elif saying is not None and (cue.kind, cue.text) == (saying.kind, saying.text):
             until_s = cue.stamp_s + speech_duration_s(cue.text, state.settings.cues.language)
             privacy = replace(privacy, saying=replace(saying, until_s=until_s))
+            if privacy.question is not None and saying.kind is CueKind.CONSENT:
+                privacy = replace(privacy, question=replace(privacy.question, begun=True))
         elif saying is not None and saying.until_s is not None and cue.stamp_s < saying.until_s and _cuts_off(cue):
             # The voice says it again by itself, as long as it remembers.
             privacy = replace(privacy, saying=replace(saying, until_s=None, offered_s=cue.stamp_s))
@@ -148,13 +163,28 @@ def _with(state: DeviceState, privacy: Privacy) -> DeviceState:
     return replace(state, privacy=privacy)
 
 
-def _consented(state: DeviceState, consent: Consent) -> Step:
-    if consent == state.privacy.consent:
+def _heard_of_consent(state: DeviceState, consent: Consent) -> Step:
+    """Take up what was kept by others, where it is newer than what the walker said last, which may wait for the disk.
+
+    What nobody has said (the file is gone, or cannot be read) never lets anything be shared that was not.
+    """
+    known, is_said = state.privacy.consent, consent.version > 0
+    if not is_said:
+        consent = shared_by_both(known, consent)
+    elif consent.version <= known.version:
+        return state, ()
+    is_same = (consent.silhouettes, consent.walks) == (known.silhouettes, known.walks)
+    if is_same and not is_said:
         return state, ()
     state = _with(state, replace(state.privacy, consent=consent))
+    stored = () if is_said else (StoreConsent(consent),)
+    return state, stored if is_same else (*stored, *_told_of_consent(state))
+
+
+def _told_of_consent(state: DeviceState) -> tuple[Effect, ...]:
+    consent = state.privacy.consent
     said = [f"depth pictures: {_yes(consent.silhouettes)}", f"recordings of walks: {_yes(consent.walks)}"]
-    happened = Happened("privacy", f"The walker shares now: {', '.join(said)}.")
-    return state, (StoreConsent(consent), happened, sharing_of(state.privacy))
+    return Happened("privacy", f"The walker shares now: {', '.join(said)}."), sharing_of(state.privacy)
 
 
 def _yes(value: bool) -> str:

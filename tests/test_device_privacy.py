@@ -6,13 +6,17 @@ import os
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from device_hall import Rig
 
+from device_agent.cli import main
 from device_agent.consent_watch import ConsentWatch
+from device_agent.device_options import DeviceOptions
+from device_agent.device_process import _kept
 from device_agent.device_store import DeviceStore
 from device_agent.outbox import Outbox
 from device_agent.ports import Button, PressKind
@@ -22,7 +26,7 @@ from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.replay import replay
 from device_agent.recording.walk_files import parts_in
-from device_agent.sharing import Consent, LinkStands
+from device_agent.sharing import NOTHING_SHARED, Consent, LinkStands
 from navcore.cues.privacy_words import accesses_text, names_text
 from navcore.cues.table import CueKind, CuePriority
 from navcore.modes import Mode
@@ -205,7 +209,7 @@ def test_no_answer_is_no_and_a_refusal_says_so_at_once() -> None:
     assert rig.messages(SharingRunning)[-1].refusal == "The walker has not answered."
     assert said(rig)[-1] == "No pictures are shown."
     rig.agent.submit(AskColour(8, "Anna"))
-    rig.cycles(1)
+    rig.cycles(2)
     assert "No pictures." in rig.press(Button.PREVIOUS, LONG)
     pass_s(rig, 5.0)
     assert (rig.messages(SharingRunning)[-1].answered_id, rig.uplink.colour_images) == (8, [])
@@ -216,11 +220,11 @@ def test_what_was_allowed_ends_at_once_by_button_with_who_asked_with_the_link_an
     rig = Rig()
     watched_by(rig, "Anna", "Ben")
     rig.agent.submit(AskColour(7, "Anna"))
-    rig.cycles(10)
+    pass_s(rig, 12.0)
     heard = len(rig.output.cues)
     rig.press(Button.NEXT, LONG)
     rig.cycles(40)
-    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked to the end"
+    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked again"
     assert rig.uplink.colour_images
     if how == "button":
         rig.press(Button.PREVIOUS, LONG)
@@ -242,6 +246,21 @@ def test_while_somebody_asks_the_other_buttons_mean_what_they_always_do() -> Non
     rig.press(Button.MAIN)
     assert rig.agent.state.mode is Mode.PAUSED
     assert rig.agent.state.privacy.question is not None, "the question is still open"
+
+
+def test_nobody_allows_what_they_have_not_heard_to_the_end_nor_refuses_what_they_do_not_know_of() -> None:
+    rig = Rig()
+    watched_by(rig, "Anna")
+    rig.agent.submit(AskColour(7, "Anna", "which door is it"))
+    assert not any("No pictures" in words for words in rig.press(Button.PREVIOUS, LONG))
+    assert rig.agent.state.privacy.question is not None, "it was asked, and is not heard yet"
+    pass_s(rig, 1.0)
+    rig.press(Button.NEXT, LONG)
+    pass_s(rig, 1.0)
+    assert rig.agent.state.privacy.colour is None, "the question has not been heard to its end"
+    pass_s(rig, 20.0)
+    rig.press(Button.NEXT, LONG)
+    assert rig.agent.state.privacy.colour is not None
 
 
 def test_a_second_question_is_refused_while_the_first_is_open() -> None:
@@ -315,7 +334,9 @@ def test_what_is_shared_is_changed_by_ear_and_kept_over_a_restart(tmp_path: Path
 def test_consent_said_on_the_command_line_is_heeded_by_the_running_device(tmp_path: Path) -> None:
     store, heard = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
     there = threading.Event()
-    watch = ConsentWatch(store, Consent(), lambda consent: (heard.append(consent), there.set())[0])
+    watch = ConsentWatch(
+        store, Consent(), lambda consent: (heard.append(consent), there.set())[0], store.consent_stamp()
+    )
     watch.start()
     try:
         done = subprocess.run(
@@ -331,10 +352,87 @@ def test_consent_said_on_the_command_line_is_heeded_by_the_running_device(tmp_pa
 
 def test_consent_that_cannot_be_read_shares_nothing(tmp_path: Path) -> None:
     store, heard = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
-    watch = ConsentWatch(store, Consent(), heard.append)
+    watch = ConsentWatch(store, Consent(), heard.append, store.consent_stamp())
     (tmp_path / "consent.json").write_bytes(b"{broken")
     watch.look()
-    assert heard == [Consent(silhouettes=False, walks=False)]
+    assert heard == [NOTHING_SHARED]
+    rig = Rig(store=store)
+    rig.agent.submit(NOTHING_SHARED)
+    rig.cycles(1)
+    assert not rig.messages(SharingRunning)[-1].silhouettes
+    rig.agent.settle()
+    assert not store.load_consent().silhouettes, "it is kept so that it can be read again"
+
+
+def test_what_the_walker_says_by_ear_is_not_undone_by_what_was_kept_before_it(tmp_path: Path) -> None:
+    """The walker switches pictures on and off again; what is read of the disk is still what they said first."""
+    store = DeviceStore(tmp_path, tmp_path / "site")
+    rig, read = Rig(store=store), list[Consent]()
+    store.save_consent(Consent(silhouettes=False, version=1))
+    rig.agent.submit(store.load_consent())
+    watch = ConsentWatch(store, Consent(), read.append, store.consent_stamp())
+    store.save_consent(Consent(silhouettes=True, version=2))
+    watch.look()
+    rig.agent.submit(read[0])
+    rig.cycles(1)
+    assert rig.messages(SharingRunning)[-1].silhouettes
+    open_privacy(rig)
+    rig.press(Button.NEXT)
+    rig.press(Button.NEXT)
+    rig.press(Button.MAIN)
+    rig.agent.submit(read[0])
+    rig.cycles(1)
+    assert not rig.messages(SharingRunning)[-1].silhouettes
+    rig.agent.settle()
+    assert store.load_consent() == Consent(silhouettes=False, version=3)
+
+
+def test_where_two_say_something_at_once_what_both_allow_is_shared(tmp_path: Path) -> None:
+    store, read = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
+    store.save_consent(Consent(silhouettes=True, walks=True, version=4))
+    watch = ConsentWatch(store, Consent(), read.append, store.consent_stamp())
+    store.change_consent(lambda kept: replace(kept, silhouettes=False, version=kept.version + 1))
+    store.save_consent(Consent(silhouettes=True, walks=False, version=5))  # from the walker's own list
+    watch.look()
+    assert read == [Consent(silhouettes=False, walks=False, version=6)]
+    (tmp_path / "consent.json").unlink()
+    watch.look()
+    store.save_consent(Consent(silhouettes=True, walks=True))  # by a program that knows nothing of what was there
+    watch.look()
+    rig = Rig()
+    for consent in read:
+        rig.agent.submit(consent)
+    rig.cycles(1)
+    assert not (told := rig.messages(SharingRunning)[-1]).silhouettes
+    assert not told.walks, "a file that was lost can only share less"
+
+
+def test_what_is_said_while_the_device_starts_is_not_overlooked(tmp_path: Path) -> None:
+    store, read = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
+    options = DeviceOptions(tmp_path / "site", tmp_path, shares_walks=True)
+    kept = _kept(options, store)
+    assert kept.consent.walks
+    store.change_consent(lambda now: replace(now, walks=False, version=now.version + 1))
+    ConsentWatch(store, Consent(), read.append, kept.consent_stamp).look()
+    assert [consent.walks for consent in read] == [False]
+
+
+def test_a_device_that_shares_walks_from_its_start_says_so_and_only_as_long_as_it_is_started_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = DeviceStore(tmp_path, tmp_path / "site")
+    options = DeviceOptions(tmp_path / "site", tmp_path, shares_walks=True)
+
+    def printed(*said: str) -> str:
+        assert main(["consent", "--state", str(tmp_path), *said]) == 0
+        return capsys.readouterr().out
+
+    _kept(options, store)
+    assert "Recordings of walks to the console: yes" in printed()
+    assert not _kept(replace(options, shares_walks=False), store).consent.walks
+    assert "Recordings of walks to the console: no" in printed()
+    printed("--walks", "no")
+    assert not _kept(options, store).consent.walks, "the walker's own word holds"
 
 
 # ----------------------------------------------------------------------------------------------------- who has looked
@@ -391,6 +489,7 @@ def test_a_walk_on_which_somebody_watches_and_asks_is_replayed_to_the_same_words
         rig.cycles(25)
         recorder.check()
         if isinstance(order, AskColour):
+            rig.cycles(60)
             rig.press(Button.NEXT, LONG)
             rig.cycles(60)
             open_privacy(rig)

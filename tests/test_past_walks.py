@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from console_room import DialledDevice, Person, hello_of, until
+from console_room import DialledDevice, Person, hello_of, invited, until
 from mcap.reader import make_reader
 from recorded_walk import STORED_WALK, record, walk_among_boxes
 
@@ -204,6 +204,24 @@ def test_the_figures_are_those_of_an_independent_computation(
     )))  # fmt: skip
     assert float(table[0]["deviation_mean_m"]) == pytest.approx(statistics.fmean(off_m), abs=1e-4)
     assert (table[0]["from"], table[0]["to"], table[0]["stops"]) == ("Door", "Window", str(figures["stop_count"]))
+
+
+def test_all_that_was_read_of_a_walk_goes_with_it_and_who_sees_what_was_found_has_looked(
+    server: ConsoleServer, admin: Person, walk: PastWalk
+) -> None:
+    library, tom = server.services.walk_library, invited(admin, "Tom", "technician")
+    library.timeline(walk)
+    library.found(walk)
+    assert library.wait(60.0)
+    asked = {"walk_id": walk.walk_id, "changes": {"gate.clearance_m": 1.5}}
+    run_id = admin.http.post("/api/what-if", json=asked).raise_for_status().json()["run_id"]
+    tom.http.get(f"/api/what-if/{run_id}").raise_for_status()
+    log = admin.http.get("/api/privacy").json()["accesses"]
+    assert ("Tom", "past_walk", walk.walk_id) in {(each["who"], each["what"], each["detail"]) for each in log}
+    assert server.services.retention._kinds["Walks"](math.inf) == 1
+    assert (library._timelines, library._found) == ({}, {})
+    assert tom.http.get(f"/api/what-if/{run_id}").status_code == 404
+    assert server.services.what_ifs._runs == {}
 
 
 def test_marks_tell_what_happened_when_and_where(admin: Person, walk: PastWalk) -> None:

@@ -38,7 +38,7 @@ WAIT_S = 120.0
 def what_ifs(tmp_path: Path) -> Iterator[WhatIfs]:
     recordings = Recordings(tmp_path / "recordings", lambda: 1_800_000_000.0)
     take(recordings, STORED_WALK.read_bytes())
-    asked = WhatIfs(PastWalks(recordings))
+    asked = WhatIfs(PastWalks(recordings), tmp_path / "what-if")
     yield asked
     asked.close()
 
@@ -124,10 +124,28 @@ def test_questions_are_bounded_in_time_and_number_and_may_be_given_up(what_ifs: 
         assert what_ifs.cancel(run.run_id).state in ("cancelled", "done")
     assert what_ifs.start(WALK, {"gate.clearance_m": 1.7}).state in ("waiting", "running"), "given up, and asked anew"
     what_ifs.close()
-    hurried = WhatIfs(what_ifs._walks, max_run_s=0.05)
+    hurried = WhatIfs(what_ifs._walks, what_ifs._folder, max_run_s=0.05)
     late = answered(hurried, hurried.start(WALK, {"gate.clearance_m": 1.5}))
     hurried.close()
     assert (late.state, "choose a shorter walk" in late.why) == ("failed", True)
+
+
+def test_what_was_found_in_a_walk_is_gone_with_it_and_so_is_what_a_killed_console_left(
+    what_ifs: WhatIfs, tmp_path: Path
+) -> None:
+    run = what_ifs.start(WALK, {"gate.clearance_m": 1.5})
+    recordings = what_ifs._walks.recordings
+    recordings.delete_before(2e9)
+    with pytest.raises(NotFoundError, match="deleted"):
+        what_ifs.run(run.run_id)
+    what_ifs.forget_deleted()
+    take(recordings, STORED_WALK.read_bytes())
+    with pytest.raises(NotFoundError, match="not remembered"):
+        what_ifs.run(run.run_id)
+    what_ifs.close()
+    (tmp_path / "what-if" / "left").mkdir(parents=True, exist_ok=True)
+    WhatIfs(what_ifs._walks, tmp_path / "what-if")
+    assert not (tmp_path / "what-if").exists()
 
 
 def test_unchanged_settings_replay_to_the_same_decisions() -> None:

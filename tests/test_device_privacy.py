@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from device_agent.silhouette import COLOUR_LONGEST_PX, colour_jpeg
 from device_hall import Rig
 
 from device_agent.consent_watch import ConsentWatch
@@ -27,6 +26,7 @@ from device_agent.sharing import Consent, LinkStands
 from navcore.cues.privacy_words import accesses_text, names_text
 from navcore.cues.table import CueKind, CuePriority
 from navcore.modes import Mode
+from navcore.silhouette import COLOUR_LONGEST_PX, colour_jpeg
 from navcore.types import Frame
 from navcore.wire import (
     MESSAGES,
@@ -36,6 +36,7 @@ from navcore.wire import (
     AskColour,
     ColourImage,
     DepthImage,
+    Say,
     SharingRunning,
     Watchers,
     encode,
@@ -88,6 +89,16 @@ def test_the_walker_hears_who_comes_and_who_goes_and_the_console_that_they_have_
         "Anna is watching.", "Ben is watching too.", "Anna is no longer watching.", "Nobody is watching any more.",
     ]  # fmt: skip
     assert told(rig) == ()
+
+
+def test_who_watches_is_neither_said_again_by_repeat_nor_shown_as_what_was_heard_last() -> None:
+    rig = Rig()
+    rig.agent.submit(Say("Lunch is ready."))
+    pass_s(rig, 3.0)
+    watched_by(rig, "Anna")
+    assert said(rig) == ["Anna is watching."]
+    assert rig.uplink.states[-1].last_cue == "Lunch is ready."
+    assert rig.press(Button.REPEAT) == ["Lunch is ready."]
 
 
 def test_the_console_is_told_only_once_the_words_have_been_spoken() -> None:

@@ -255,6 +255,9 @@ ANNOUNCEMENTS = frozenset(
 )  # fmt: skip
 """Sentences that begin at their time or not at all: said later, the distance in them would be wrong."""
 
+ASIDES = frozenset({CueKind.WATCHED, CueKind.UNWATCHED})
+"""What is told beside guidance: it takes nobody's place as the last sentence, neither to repeat nor to be shown."""
+
 
 def is_said(kind: CueKind, verbosity: Verbosity) -> bool:
     """Return whether cues of a kind are said at a verbosity."""

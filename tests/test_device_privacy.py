@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -10,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from device_hall import Rig
+from device_hall import Rig, pose_at
 
 from device_agent.consent_watch import ConsentWatch
 from device_agent.device_store import DeviceStore
@@ -140,6 +141,25 @@ def test_nothing_on_privacy_cuts_off_an_instruction_and_it_is_heard_all_the_same
         "Anna is watching.",
         "Anna asks to see pictures: which door is it. Hold next to allow it for one minute.",
     } == (set(said(rig)))
+
+
+def test_who_watches_is_said_in_a_gap_and_not_begun_again_and_again_between_instructions() -> None:
+    rig = Rig()
+    rig.lead_to()
+    rig.agent.submit(Watchers(("Anna",)))
+    for number in range(200):
+        # Whoever sways is steered all the time.
+        rig.pose = pose_at(1.0 + 0.05 * number, 0.0, np.radians(14.0 if number // 6 % 2 else -14.0))
+        rig.cycles(1)
+    begun_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.WATCHED]
+    assert len(begun_s) <= 2
+    assert all(later - earlier >= 10.0 for earlier, later in itertools.pairwise(begun_s))
+    for begin_s in begun_s:
+        before_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.STEER and cue.stamp_s < begin_s]
+        assert not before_s or begin_s - before_s[-1] >= 1.0
+    rig.pose = pose_at(11.0)
+    pass_s(rig, 15.0)
+    assert told(rig) == ("Anna",), "it is heard as soon as there is a gap"
 
 
 def test_brief_walkers_hear_who_comes_and_not_who_goes() -> None:

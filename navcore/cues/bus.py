@@ -16,7 +16,7 @@ from navcore.cues.texts import Language, speech_duration_s
 _WAITS_AT_MOST_S = 4.0
 _MESSAGE_WAITS_AT_MOST_S = 20.0
 """What is told once ("Another way", somebody at the console) is not lost behind a few turns on the spot."""
-_PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS, CueKind.WATCHED, CueKind.UNWATCHED, CueKind.CONSENT})
+_PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS})
 PAUSE_S = 0.1
 """Silence between two sentences."""
 

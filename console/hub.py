@@ -14,12 +14,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
+import msgspec
+
 from console.clock_offset import ClockOffset
 from console.command_fate import judge, superseded
 from console.errors import ConflictError, NotFoundError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
+    ORDER_HOLDS_S,
     ApplySettings,
     AskColour,
     BeginMapWalk,
@@ -36,6 +39,7 @@ from navcore.wire import (
     MapRunning,
     MapWalkRunning,
     MapWalkSeen,
+    Order,
     Pause,
     Pong,
     PublishGraph,
@@ -245,7 +249,7 @@ class DeviceHub:
     # ----------------------------------------------------------------------------------------------- commands
     def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
         """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
-        return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id))
+        return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id, who[:120]))
 
     def clear(self, device_id: str, who: str) -> Command:
         """Stop leading."""
@@ -295,6 +299,9 @@ class DeviceHub:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
+            if isinstance(message, Order):
+                expires_s = _expires_s(device, now_s)
+                message = msgspec.structs.replace(message, order_id=command.id, expires_s=expires_s)
             kept = device.commands[-COMMANDS_KEPT_COUNT + 1 :]
             earlier = tuple(_dated(old, superseded(old, command), now_s) for old in kept)
             self._put(replace(device, commands=(*earlier, command)))
@@ -385,6 +392,13 @@ def _runs(device: LiveDevice, message: SettingsRunning | GraphRunning | MapRunni
             # What another walk has seen is nothing of this one.
             seen = device.map_walk if is_running == device.map_walk_running or not is_running else None
             return replace(device, map_walk_running=is_running, map_walk_refusal=refusal, map_walk=seen)
+
+
+def _expires_s(device: LiveDevice, now_s: float) -> float | None:
+    """Return until when a device may carry out what is asked now, on its clock; never too early for clocks compared."""
+    if device.clock_uncertainty_s is None:
+        return None
+    return now_s + device.clock_offset_s + device.clock_uncertainty_s + ORDER_HOLDS_S
 
 
 def _dated(before: Command, after: Command, now_s: float) -> Command:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from console.access import AccessLog
 from console.accounts import Accounts
@@ -131,12 +132,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
 
-    def delete_events_before(wall_s: float) -> int:
-        count = devices.delete_before(wall_s)
-        for device in hub.devices() if count else ():
-            hub.keep_events(device.device_id, devices.latest_events(device.device_id, EVENTS_KEPT_COUNT))
-        return count
-
     access = AccessLog(store)
     access.on_changed = tell_accesses
     watching = Watching(hub.now_s, access, hub)
@@ -154,15 +149,11 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
     incident_timelines = IncidentTimelines(incidents)
 
-    def forget_deleted_walks() -> None:
-        walk_library.forget_deleted(walks.all())
-        what_ifs.forget_deleted()
-
     kept_of_walkers: dict[str, DeleteBefore] = {
-        "Walks": _and_then(recordings.delete_before, forget_deleted_walks),
+        "Walks": _and_then(recordings.delete_before, partial(_forget_deleted_walks, walks, walk_library, what_ifs)),
         "Incidents": _and_then(incidents.delete_before, incident_timelines.forget_deleted),
         "Alerts": alert_store.delete_before,
-        "Events": delete_events_before,
+        "Events": partial(_delete_events_before, devices, hub),
         "Access log": access.delete_before,
         "Orders in the audit log": store.redact_audit_before,
     }
@@ -208,6 +199,18 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         retention=retention,
         timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
     )
+
+
+def _delete_events_before(devices: DeviceStore, hub: DeviceHub, wall_s: float) -> int:
+    count = devices.delete_before(wall_s)
+    for device in hub.devices() if count else ():
+        hub.keep_events(device.device_id, devices.latest_events(device.device_id, EVENTS_KEPT_COUNT))
+    return count
+
+
+def _forget_deleted_walks(walks: PastWalks, library: WalkLibrary, what_ifs: WhatIfs) -> None:
+    library.forget_deleted(walks.all())
+    what_ifs.forget_deleted()
 
 
 def _and_then(delete_before: DeleteBefore, forget: Callable[[], None]) -> DeleteBefore:

@@ -41,6 +41,7 @@ from navcore.wire import (
     EventConfirmed,
     MapAvailable,
     MapWalkSeen,
+    Order,
     Ping,
     Pong,
     SharingRunning,
@@ -49,6 +50,7 @@ from navcore.wire import (
     decode_from_console,
     decode_welcome,
     encode,
+    expired_text,
 )
 from navcore.wire_row import Delivery
 
@@ -416,9 +418,18 @@ class ConsoleLink:
                 return self._maps.take(message)
             case Welcome():
                 raise WireError("The console said welcome twice: use the same version on both sides.")
+            case Order(expires_s=float(expires_s)):
+                self._take_order(message, expires_s - self._clock.now_s())
             case _:
                 self._device.submit(message)
         return None
+
+    def _take_order(self, order: Order, holds_s: float) -> None:
+        """Hand on what somebody asked for just now; a device that stood still finds old orders in its socket."""
+        if holds_s < 0.0:
+            self._happened(expired_text(order))
+        else:
+            self._device.submit(order, holds_s)
 
     def _note_clocks(self, ping: Ping) -> None:
         before_s, offset_s, uncertainty_s = self.link_state.clock_offset_s, ping.offset_s, ping.uncertainty_s

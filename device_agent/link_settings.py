@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import ssl
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,8 +25,8 @@ class LinkedDevice(Protocol):
         """Return who calls and what it runs."""
         ...
 
-    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands) -> None:
-        """Take an order; it is carried out between two frames."""
+    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands, holds_s: float = math.inf) -> None:
+        """Take an order; it is carried out between two frames, within ``holds_s`` or not at all."""
         ...
 
     def map_arrived(self, staging: Path, checksum: str) -> None:

@@ -1,7 +1,7 @@
 """Who sees the walker, told to them; and what they allow. Pure: steps from one frozen state to the next.
 
-Nothing here ever speaks over an instruction: its cues have the lowest priority, and each sentence is said again until
-it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
+Nothing here ever speaks over an instruction: its cues have the lowest priority, and wait for a gap between other words
+that is long enough. A sentence that is cut off all the same is said again after a while, until it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
 with the one who asked.
 """
 
@@ -26,13 +26,16 @@ from navcore.cues.synthesis import colour_sign_cue
 from navcore.cues.table import Cue, CueKind, is_said
 from navcore.cues.texts import TEXTS, speech_duration_s
 from navcore.modes import Mode
+from navcore.types import Action
 from navcore.wire import Accesses, AskColour, SharingRunning, Watchers
 
 ANSWER_WITHIN_S = 30.0
 COLOUR_FOR_S = 60.0
 SIGN_EVERY_S = 5.0
-SAID_AGAIN_AFTER_S = 20.0
-"""A sentence that has not been begun for so long is offered anew: the voice has forgotten it."""
+SAID_AGAIN_AFTER_S = 10.0
+"""So long after a sentence was cut off, or found no gap after all, it is tried again: half sentences only disturb."""
+GAP_S = 1.0
+"""Nothing is begun before it has been silent for so long: of words, and of tones that steer."""
 _QUESTION_OVER = Outdated(frozenset({CueKind.CONSENT}))
 PrivacyOrder = Watchers | AskColour | Accesses | LinkStands | Consent
 
@@ -125,15 +128,16 @@ def heard(state: DeviceState, cues: tuple[Cue, ...]) -> DeviceState:
     privacy = state.privacy
     for cue in cues:
         saying, colour = privacy.saying, privacy.colour
+        said_s = speech_duration_s(cue.text, state.settings.cues.language) if cue.text else 0.0
+        if _cuts_off(cue):
+            privacy = replace(privacy, words_until_s=cue.stamp_s + cue.duration_s + said_s)
         if cue.kind is CueKind.COLOUR_SIGN and colour is not None:
             privacy = replace(privacy, colour=replace(colour, sign_due_s=cue.stamp_s + SIGN_EVERY_S))
         elif saying is not None and (cue.kind, cue.text) == (saying.kind, saying.text):
-            until_s = cue.stamp_s + speech_duration_s(cue.text, state.settings.cues.language)
-            privacy = replace(privacy, saying=replace(saying, until_s=until_s))
+            privacy = replace(privacy, saying=replace(saying, until_s=cue.stamp_s + said_s))
             if privacy.question is not None and saying.kind is CueKind.CONSENT:
                 privacy = replace(privacy, question=replace(privacy.question, begun=True))
         elif saying is not None and saying.until_s is not None and cue.stamp_s < saying.until_s and _cuts_off(cue):
-            # The voice says it again by itself, as long as it remembers.
             privacy = replace(privacy, saying=replace(saying, until_s=None, offered_s=cue.stamp_s))
     return state if privacy is state.privacy else _with(state, privacy)
 
@@ -280,7 +284,25 @@ def _say_next(state: DeviceState, now_s: float) -> Step:
     if not is_said(wanted.kind, state.settings.cues.verbosity):
         state, told = _told(state, wanted.names)
         return state, (*effects, *told)
+    if not _is_gap(state, wanted.text, now_s):
+        return state, tuple(effects)
     return _with(state, replace(state.privacy, saying=wanted)), (*effects, Notice(wanted.text, kind=wanted.kind))
+
+
+def _is_gap(state: DeviceState, text: str, now_s: float) -> bool:
+    """Whether it is silent, and no turn is due before the sentence has been heard."""
+    if now_s - state.privacy.words_until_s < GAP_S:
+        return False
+    guidance = state.guidance
+    if guidance is None or not state.on_the_way:
+        return True
+    if guidance.action is Action.TURN:
+        return False
+    corner = guidance.trace.corner
+    if corner is None or guidance.action is Action.STOP:
+        return True
+    heard_m = guidance.trace.speed_m_s * (speech_duration_s(text, state.settings.cues.language) + GAP_S)
+    return corner.distance_m - corner.turn_m > heard_m
 
 
 def _wanted(state: DeviceState, now_s: float) -> Saying | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from navcore.cues.table import CueKind
@@ -98,6 +99,8 @@ class Privacy:
     """Who has watched, and who has looked at what is kept."""
     wall_offset_s: float = 0.0
     """Unix time minus the device's clock, as it was told with them."""
+    words_until_s: float = -math.inf
+    """When the last words, or the last steering tone, that the walker has heard were over."""
 
     @property
     def at_rest(self) -> bool:

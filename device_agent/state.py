@@ -73,6 +73,8 @@ class Menu:
     by: Literal["distance", "name", "privacy"]
     until_s: float
     """Nobody remembers an open menu for ever: it closes by itself."""
+    listed: tuple[str, ...] = ()
+    """The places in the order in which they stood when the list was opened: whoever walks on finds them there again."""
 
 
 @dataclass(frozen=True, slots=True)

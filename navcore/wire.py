@@ -29,6 +29,8 @@ a state tells how long the loop's stages take, and what is left out where they t
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
+ORDER_HOLDS_S = 10.0
+"""What somebody asks for is carried out within this time or not at all: a device that was away may be elsewhere."""
 MAX_MESSAGE_BYTES = 4 << 20
 """No message is larger; most may be much less (see the table)."""
 
@@ -261,37 +263,48 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     """The last event of this device that the console has stored."""
 
 
-class SetDestination(_Message, frozen=True, tag="set_destination"):
+class Order(_Message, frozen=True, kw_only=True):
+    """Something that a person asks for now, and that is not to happen when nobody expects it any more."""
+
+    order_id: Count = 0
+    """Names this order, where the device says that it came too late."""
+    expires_s: Finite | None = None
+    """When it is no longer carried out, on the device's clock; None where the clocks have not been compared."""
+
+
+class SetDestination(Order, frozen=True, tag="set_destination"):
     """Lead the walker to a PoI."""
 
     poi_id: ShortText
+    who: ShortText = ""
+    """Who asks for it: the walker hears the name."""
 
 
-class ClearDestination(_Message, frozen=True, tag="clear_destination"):
+class ClearDestination(Order, frozen=True, tag="clear_destination"):
     """Stop leading."""
 
 
-class Pause(_Message, frozen=True, tag="pause"):
+class Pause(Order, frozen=True, tag="pause"):
     """Hold guidance: the walker stands."""
 
 
-class Resume(_Message, frozen=True, tag="resume"):
+class Resume(Order, frozen=True, tag="resume"):
     """Go on after a pause."""
 
 
-class BeginMapWalk(_Message, frozen=True, tag="begin_map_walk"):
+class BeginMapWalk(Order, frozen=True, tag="begin_map_walk"):
     """Record a map walk, where nobody is led; a sighted person wears the glasses."""
 
 
-class EndMapWalk(_Message, frozen=True, tag="end_map_walk"):
+class EndMapWalk(Order, frozen=True, tag="end_map_walk"):
     """End the map walk; its recording is completed."""
 
 
-class Repeat(_Message, frozen=True, tag="repeat"):
+class Repeat(Order, frozen=True, tag="repeat"):
     """Say the last sentence again."""
 
 
-class Say(_Message, frozen=True, tag="say"):
+class Say(Order, frozen=True, tag="say"):
     """Speak a sentence to the walker."""
 
     text: Text
@@ -303,7 +316,7 @@ class Watchers(_Message, frozen=True, tag="watchers"):
     names: Names
 
 
-class AskColour(_Message, frozen=True, tag="ask_colour"):
+class AskColour(Order, frozen=True, tag="ask_colour"):
     """Ask the walker to let somebody see colour pictures for a minute."""
 
     request_id: Count
@@ -420,14 +433,14 @@ _ROWS = (
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
-    MessageRow(SetDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
-    MessageRow(ClearDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Pause, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Resume, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(SetDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Pause, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Resume, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Repeat, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(BeginMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(EndMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Say, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(AskColour, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(Watchers, _DOWN, 6, "on change", None, 2, Delivery.KEPT, 16 * _KIB),
     MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
@@ -459,6 +472,17 @@ def encode(message: DeviceMessage | ConsoleMessage) -> bytes:
     data = _encoder.encode(message)
     _refuse_larger(len(data), MESSAGES[type(message)].max_bytes, type(message).__name__)
     return data
+
+
+def expired_text(order: Order) -> str:
+    """Return the text of the event that tells that an order came too late."""
+    tag = str(order.__struct_config__.tag)
+    return f"Order {order.order_id} came too late and is not carried out: {tag.replace('_', ' ')}."
+
+
+def tells_expired(event: Event, order_id: int) -> bool:
+    """Return whether an event tells that this order came too late."""
+    return event.kind == "link" and event.text.startswith(f"Order {order_id} came too late ")
 
 
 def decode_from_device(data: bytes) -> DeviceMessage:

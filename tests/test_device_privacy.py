@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from device_hall import Rig
+from device_hall import Rig, pose_at
 
 from device_agent.cli import main
 from device_agent.consent_watch import ConsentWatch
@@ -40,6 +41,7 @@ from navcore.wire import (
     AskColour,
     ColourImage,
     DepthImage,
+    Say,
     SharingRunning,
     Watchers,
     encode,
@@ -94,6 +96,16 @@ def test_the_walker_hears_who_comes_and_who_goes_and_the_console_that_they_have_
     assert told(rig) == ()
 
 
+def test_who_watches_is_neither_said_again_by_repeat_nor_shown_as_what_was_heard_last() -> None:
+    rig = Rig()
+    rig.agent.submit(Say("Lunch is ready."))
+    pass_s(rig, 3.0)
+    watched_by(rig, "Anna")
+    assert said(rig) == ["Anna is watching."]
+    assert rig.uplink.states[-1].last_cue == "Lunch is ready."
+    assert rig.press(Button.REPEAT) == ["Lunch is ready."]
+
+
 def test_the_console_is_told_only_once_the_words_have_been_spoken() -> None:
     rig = Rig()
     rig.cycles(3)
@@ -133,6 +145,25 @@ def test_nothing_on_privacy_cuts_off_an_instruction_and_it_is_heard_all_the_same
         "Anna is watching.",
         "Anna asks to see pictures: which door is it. Hold next to allow it for one minute.",
     } == (set(said(rig)))
+
+
+def test_who_watches_is_said_in_a_gap_and_not_begun_again_and_again_between_instructions() -> None:
+    rig = Rig()
+    rig.lead_to()
+    rig.agent.submit(Watchers(("Anna",)))
+    for number in range(200):
+        # Whoever sways is steered all the time.
+        rig.pose = pose_at(1.0 + 0.05 * number, 0.0, np.radians(14.0 if number // 6 % 2 else -14.0))
+        rig.cycles(1)
+    begun_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.WATCHED]
+    assert len(begun_s) <= 2
+    assert all(later - earlier >= 10.0 for earlier, later in itertools.pairwise(begun_s))
+    for begin_s in begun_s:
+        before_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.STEER and cue.stamp_s < begin_s]
+        assert not before_s or begin_s - before_s[-1] >= 1.0
+    rig.pose = pose_at(11.0)
+    pass_s(rig, 15.0)
+    assert told(rig) == ("Anna",), "it is heard as soon as there is a gap"
 
 
 def test_brief_walkers_hear_who_comes_and_not_who_goes() -> None:

@@ -264,7 +264,9 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     browser.set_widget("Guidance", "Pause")
     browser.set_widget("Guidance", "Stop")
     browser.set_widget("Guidance", "Repeat")
-    assert outlet.sent[:1] == [SetDestination("bar")]
+    first = outlet.sent[0]
+    assert isinstance(first, SetDestination)
+    assert (first.poi_id, first.who) == ("bar", "Ada")
     assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination, Repeat]
 
 

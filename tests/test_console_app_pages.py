@@ -121,7 +121,7 @@ def test_a_page_that_cannot_start_says_so_and_offers_to_try_again(page: Page) ->
     page.set_default_timeout(60_000)
     page.route("**/api/settings", lambda route: route.fulfill(status=500, json={"error": "The disk is full."}))
     page.goto("/settings")
-    expect(page.get_by_role("alert")).to_contain_text("This page could not be started. The disk is full.")
+    expect(page.locator("main").get_by_role("alert")).to_contain_text("This page could not be started. The disk is full.")
     page.unroute("**/api/settings")
     page.get_by_role("button", name="Load it again").click()
     expect(page.get_by_label("Sub goal distance, as a number")).to_be_visible()

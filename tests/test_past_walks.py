@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import hashlib
 import io
 import json
@@ -23,9 +24,10 @@ from console.past_walks import PastWalk, PastWalks
 from console.recordings import Recordings
 from console.server import ConsoleServer
 from console.walk_comparison import compared_with
-from console.walk_figures import Deviation, WalkFigures
+from console.walk_figures import Deviation, WalkFigures, figures_of
 from console.walk_library import WalkLibrary
-from console.walk_timeline import state_of
+from console.walk_reading import read_walk
+from console.walk_timeline import NamedPlace, state_of
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.walk_files import parts_in
 from navcore.recording_upload import RecordingOffer
@@ -177,6 +179,19 @@ def test_the_figures_are_those_of_an_independent_computation(
     )))  # fmt: skip
     assert float(table[0]["deviation_mean_m"]) == pytest.approx(statistics.fmean(off_m), abs=1e-4)
     assert (table[0]["from"], table[0]["to"], table[0]["stops"]) == ("Door", "Window", str(figures["stop_count"]))
+
+
+def test_a_walk_begins_at_the_place_that_somebody_named(walk: PastWalk) -> None:
+    timeline = read_walk(walk)
+    first = next(route for route in timeline.routes if route.points_m)
+    x_m, y_m = first.points_m[0]
+    route = msgspec.structs.replace(first, stops=(("Junction 4", 0.5), *first.stops))
+
+    def begin(away_m: float) -> str:
+        places = (NamedPlace("Junction 4", x_m, y_m), NamedPlace("Wash room", x_m + away_m, y_m))
+        return figures_of(dataclasses.replace(timeline, routes=(route,), places=places), ()).from_place
+
+    assert (begin(4.0), begin(6.0)) == ("Wash room", "Junction 4")
 
 
 def test_marks_tell_what_happened_when_and_where(admin: Person, walk: PastWalk) -> None:

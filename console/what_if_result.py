@@ -76,7 +76,7 @@ class Side:
     """By action."""
     stop_count: int
     stops_by_reason: dict[str, int]
-    """How often walking or turning ended in a stop, by the reason's sentence."""
+    """How often walking or turning ended in a stop on the way, by the reason's sentence."""
     no_way_count: int
     off_road_count: int
     """How often the walker began to be led back to the road."""
@@ -166,7 +166,7 @@ def _side(decisions: list[Decision], lengths_s: list[float]) -> Side:
     seconds = dict.fromkeys(("walk", "turn", "stop"), 0.0)
     for decision, length_s in zip(decisions, lengths_s, strict=True):
         seconds[decision.action] += length_s
-    stops = Counter(d.reason for d in _beginnings(decisions, "action") if d.action == "stop")
+    stops = Counter(d.reason for d in _beginnings(decisions, "action") if d.action == "stop" and _is_on_the_way(d))
     reasons = Counter(decision.reason for decision in _beginnings(decisions, "reason"))
     deviations_m = [decision.deviation_m for decision in decisions if decision.deviation_m is not None]
     return Side(
@@ -178,6 +178,11 @@ def _side(decisions: list[Decision], lengths_s: list[float]) -> Side:
         cue_count=sum(len(decision.cues) for decision in decisions),
         mean_deviation_m=fmean(deviations_m) if deviations_m else None,
     )
+
+
+def _is_on_the_way(decision: Decision) -> bool:
+    """Say whether somebody is still on the way: to stand at the destination is no stop, here as on the page of a walk."""
+    return decision.reason not in (Reason.ARRIVED.value, Reason.NO_ROUTE.value)
 
 
 def _beginnings(decisions: list[Decision], name: str) -> Iterator[Decision]:

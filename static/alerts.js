@@ -88,10 +88,10 @@ function item(alert, node) {
   node.dataset.priority = alert.priority;
   node.dataset.phase = alert.phase;
   node.replaceChildren(
-    el("div", { class: "alert-top" }, badge(kind, mark, alert.priority), el("b", {}, alert.title), badge(phaseKind, phaseMark, phaseWords)),
+    el("div", { class: "alert-top" }, badge(kind, mark, alert.priority), el("b", {}, alert.title)),
     el("p", { class: "alert-sentence" }, alert.sentence),
-    el("p", { class: "small alert-advice" }, alert.advice),
-    el("p", { class: "small quiet" }, when, ...facts(alert)),
+    ...(alert.phase === "returned" ? [] : [el("p", { class: "small alert-advice" }, alert.advice)]), // nothing is to be done for what is over
+    el("p", { class: "small quiet alert-when" }, badge(phaseKind, phaseMark, phaseWords), when, ...facts(alert)),
     el("div", { class: "row" }, ...buttons(alert)));
   return { node, age: (now, elapsed_s) => setText(when, ageWords(now, elapsed_s)) };
 }

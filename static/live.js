@@ -173,6 +173,11 @@ export function freshnessOf(age_s, uncertainty_s, connected, limits) {
   return longest_s > limits.delayed || uncertainty_s === null ? "delayed" : "live";
 }
 
+/** Whether something is too old to be told as now. */
+export function isPast(fresh) {
+  return fresh === "stale" || fresh === "lost";
+}
+
 /** How wrong an age may be: what each clock on the way may add; null where one of them has not been compared. */
 export function doubt(...parts_s) {
   return parts_s.includes(null) ? null : parts_s.reduce((sum, part) => sum + part, 0);

@@ -3,7 +3,7 @@
 import { AlertList } from "./alerts.js";
 import { attention, byNeed } from "./attention.js";
 import { $, badge, el, icon, metres, onChange, setText } from "./dom.js";
-import { doubt, freshnessOf, listen, showBadge } from "./live.js";
+import { doubt, freshnessOf, isPast, listen, showBadge } from "./live.js";
 import { OverviewRows } from "./overview-rows.js";
 import { ready, start } from "./shell.js";
 import { decision } from "./walker.js";
@@ -37,7 +37,7 @@ function draw(link) {
   for (const one of seen) cardOf(one.id).show(one);
   for (const [id, card] of cards) if (!rows.has(id)) { card.node.remove(); cards.delete(id); }
   arrange(seen);
-  showCounts({ all: seen.length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length });
+  showCounts({ all: seen.length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
 }
 
 function seenOf(id, row, console_s, doubt_s) {
@@ -58,8 +58,8 @@ function arrange(seen) {
   });
 }
 
-const showCounts = onChange(({ all, guided, need }) => {
-  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${guided} guided, ${need} to look after` : "");
+const showCounts = onChange(({ all, guided, need, linked }) => {
+  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${linked ? `${guided} guided, ${need} to look after` : "all to look after: nothing is known of any of them"}` : "");
 });
 
 function cardOf(id) {
@@ -89,10 +89,10 @@ class Card {
     if (node.dataset.need !== need) node.dataset.need = need;
     setText(this.name, row.name);
     showBadge(this.fresh, fresh, age_s);
-    const { sign, words } = row.mode ? decision(row, row.destination) : { sign: "lost", words: "Has sent nothing yet" };
+    const { sign, words } = row.mode ? decision(row, row.destination, fresh) : { sign: "lost", words: "Has sent nothing yet" };
     this.drawSign(sign);
     setText(this.action, words);
-    setText(this.why, why || row.mode_sentence || "");
+    setText(this.why, why || (isPast(fresh) ? "" : row.mode_sentence) || "");
     this.drawFacts(row.mode ? facts(row) : []);
   }
 }

@@ -144,6 +144,7 @@ class PolarPlot {
     this.showSonar(trace, state);
     this.showDirections(trace, state);
     this.showGoal(trace);
+    this.moveLabelsApart();
     shown(this.halt, state.action === "stop");
     shown(this.walker, state.action !== "stop");
   }
@@ -235,6 +236,13 @@ class PolarPlot {
     return undefined;
   }
 
+  /** Where bearings lie close together so do their words: those lower in the picture move down. */
+  moveLabelsApart() {
+    const labels = Object.values(this.labels).filter((label) => label.textContent);
+    const tops = apart(labels.map((label) => labelBox(label)));
+    labels.forEach((label, index) => place(label, { y: tops[index] + LABEL_PX }));
+  }
+
   label(name, words, bearing_rad, distance_m) {
     const [x, y] = xy(bearing_rad, distance_m);
     const side = Math.abs(x) < 20 ? "middle" : x > 0 ? "end" : "start";
@@ -242,6 +250,29 @@ class PolarPlot {
     place(this.labels[name], { x: Math.max(-edge, Math.min(edge, x)), y: Math.max(-FAR_M * PER_M + 14, y), "text-anchor": side });
     text(this.labels[name], words);
   }
+}
+
+const LABEL_PX = 13;
+const LETTER_PX = 6.6;
+
+function labelBox(label) {
+  const [x, y] = ["x", "y"].map((name) => Number(label.getAttribute(name)));
+  const width = LETTER_PX * label.textContent.length;
+  const left = { start: x, middle: x - width / 2, end: x - width }[label.getAttribute("text-anchor")];
+  return { left, right: left + width, top: y - LABEL_PX };
+}
+
+/** Return the tops of boxes of one line each, {left, right, top}, moved down until none lies over another; the highest stays. */
+export function apart(boxes) {
+  const tops = boxes.map(({ top }) => top);
+  const placed = [];
+  for (const index of [...boxes.keys()].sort((a, b) => tops[a] - tops[b])) {
+    const { left, right } = boxes[index];
+    const beside = placed.filter((other) => boxes[other].left < right && left < boxes[other].right).sort((a, b) => tops[a] - tops[b]);
+    for (const other of beside) if (Math.abs(tops[other] - tops[index]) < LABEL_PX) tops[index] = tops[other] + LABEL_PX;
+    placed.push(index);
+  }
+  return tops;
 }
 
 /* ------------------------------------------------------------------------------------------------ depth and steps */

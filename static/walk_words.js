@@ -22,7 +22,7 @@ export function figure(value, unit, digits = 2) {
 /** Kinds of marks: a word, a shape (drawn in a box from -1 to 1), whether N and P stop at them, and whether they are shown only where there are some. */
 export const MARKS = {
   alert: { words: "Alert", shape: "M0-1 1 .9H-1z", stops: true, rare: true },
-  stop: { words: "Stop", shape: "M-.8-.8H.8V.8H-.8z", stops: true },
+  stop: { words: "Told to stop", shape: "M-.8-.8H.8V.8H-.8z", stops: true },
   weak: { words: "Position weak", shape: "M0-1 1 0 0 1-1 0z", stops: true },
   off_road: { words: "Off the road", shape: "M0-1 1 .8H-1z", stops: true },
   disagreement: { words: "Sonar and camera disagree", shape: "M-1-.8H1L0 1z", stops: true },

@@ -143,7 +143,10 @@ def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, se
 def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, server: ConsoleServer) -> None:
     page = signed_in(browser, server, sees_tour=True)
     tour = page.locator("dialog.tour")
-    for title in ("The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish"):
+    for title in (
+        "The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish", "Watch a walker", "Alerts",
+        "Ask why", "Lead and pause", "Settings", "Try before you change",
+    ):  # fmt: skip
         expect(tour.get_by_role("heading", name=title)).to_be_focused()
         for _ in range(6):
             page.keyboard.press("Tab")

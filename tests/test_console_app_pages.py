@@ -121,7 +121,7 @@ def test_a_page_that_cannot_start_says_so_and_offers_to_try_again(page: Page) ->
     page.set_default_timeout(60_000)
     page.route("**/api/settings", lambda route: route.fulfill(status=500, json={"error": "The disk is full."}))
     page.goto("/settings")
-    expect(page.locator("#main").get_by_role("alert")).to_contain_text(
+    expect(page.locator("main").get_by_role("alert")).to_contain_text(
         "This page could not be started. The disk is full."
     )
     page.unroute("**/api/settings")
@@ -148,7 +148,7 @@ def test_a_walk_is_started_and_seen_and_a_lost_device_never_looks_live(page: Pag
     expect(page.locator("#commands")).to_contain_text("accepted")
     device.vanish()
     expect(page.locator("#freshness")).to_contain_text("LOST")
-    expect(page.locator("#dated")).to_contain_text("not connected")
+    expect(page.locator("#dated")).to_contain_text("Not connected")
     expect(page.get_by_role("button", name="Guide to Bar")).to_be_disabled()
 
 
@@ -181,6 +181,9 @@ def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server
     for button in ("Add a place…", "Publish", "Undo", "Delete Bar"):
         expect(page.get_by_role("button", name=button)).to_have_count(0)
     expect(page.get_by_role("link", name="Admin")).to_have_count(0)
+    page.goto("/admin")
+    expect(page.get_by_role("heading", name="This page is not for your role")).to_be_visible()
+    expect(page.locator("#why")).to_contain_text("You are signed in as viewer")
     context.close()
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import hashlib
 import io
 import json
@@ -24,9 +25,10 @@ from console.recordings import Recordings
 from console.server import ConsoleServer
 from console.view_requests import EndPast, ShowPast, ViewRequest
 from console.walk_comparison import compared_with
-from console.walk_figures import Deviation, WalkFigures
+from console.walk_figures import Deviation, WalkFigures, figures_of
 from console.walk_library import WalkLibrary
-from console.walk_timeline import state_of
+from console.walk_reading import read_walk
+from console.walk_timeline import NamedPlace, state_of
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder
@@ -222,6 +224,19 @@ def test_all_that_was_read_of_a_walk_goes_with_it_and_who_sees_what_was_found_ha
     assert (library._timelines, library._found) == ({}, {})
     assert tom.http.get(f"/api/what-if/{run_id}").status_code == 404
     assert server.services.what_ifs._runs == {}
+
+
+def test_a_walk_begins_at_the_place_that_somebody_named(walk: PastWalk) -> None:
+    timeline = read_walk(walk)
+    first = next(route for route in timeline.routes if route.points_m)
+    x_m, y_m = first.points_m[0]
+    route = msgspec.structs.replace(first, stops=(("Junction 4", 0.5), *first.stops))
+
+    def begin(away_m: float) -> str:
+        places = (NamedPlace("Junction 4", x_m, y_m), NamedPlace("Wash room", x_m + away_m, y_m))
+        return figures_of(dataclasses.replace(timeline, routes=(route,), places=places), ()).from_place
+
+    assert (begin(4.0), begin(6.0)) == ("Wash room", "Junction 4")
 
 
 def test_marks_tell_what_happened_when_and_where(admin: Person, walk: PastWalk) -> None:

@@ -239,6 +239,8 @@ def test_what_differs_is_counted_as_a_walker_would_count_it() -> None:
     assert found.now.stops_by_reason == {"No free direction in view.": 1}
     assert (found.then.no_way_count, found.now.no_way_count, found.now.off_road_count) == (0, 1, 1)
     assert (found.then.cue_count, found.now.cue_count) == (0, 3)
+    arrives = compared(pairs((walk, walk), (decision("stop", "arrived", None), stop)))
+    assert (arrives.then.stop_count, arrives.now.stop_count) == (0, 1), "to arrive is no stop"
     (stretch,) = found.different
     assert (stretch.from_s, stretch.to_s) == (0.5, 2.5)
     assert stretch.then == "Walk: because of ok."

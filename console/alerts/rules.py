@@ -252,7 +252,7 @@ _TABLE = (
         "link_lost", "Nothing heard while leading", Priority.HIGH, lambda seen: seen.was_led,
         "somebody was being led when the device was heard of last", 0.0, 3.0,
         "Nothing new from {name} for {value}, and somebody was being led.",
-        "Guidance goes on without the console, but nobody can see how. Call the walker by telephone, or go there.",
+        "It is not known whether guidance goes on. Call the walker by telephone, or go there.",
         (Quantity("age of what was heard last", "s", STALE_AFTER_S, 2.0, lambda seen: seen.silent_s),),
         needs_state=False,
     ),

@@ -2,7 +2,8 @@
 
 A page says, over its live stream, which devices it shows while somebody can see it. A stream that says nothing of it
 (a program, an old page) gets everything, and counts as watching everything. Whoever has just gone is taken for watching
-a little longer, so that a page that is loaded anew, or left for another one, says nothing to the walker.
+a little longer, so that a page that is loaded anew, or left for another one, says nothing to the walker. Whoever still
+shows a walker whose link breaks watches on: the walker does not hear that nobody does when the link is back.
 """
 
 from __future__ import annotations
@@ -17,6 +18,8 @@ from console.access import AccessLog
 from navcore.wire import MAX_NAMES_COUNT
 
 GRACE_S = 8.0
+AWAY_S = 120.0
+"""A device that has been gone for longer is not watched any more, whoever shows what it said last."""
 SAYS_AT_LEAST_EVERY_S = 10.0
 """A window that has once said what it shows, and says it no more, shows nothing any longer: its page is hidden."""
 NOTED_EVERY_S = 30.0
@@ -85,6 +88,8 @@ class Watching:
         self._looking = threading.Lock()
         self._windows: dict[object, _Open] = {}
         self._watches: dict[str, dict[str, _Watch]] = {}
+        self._connected_s: dict[str, float] = {}
+        """When a device was connected last."""
         self._noted_s = now_s()
 
     @contextmanager
@@ -147,8 +152,8 @@ class Watching:
     def look(self) -> None:
         """Bring up to date who watches, tell the devices, and write it down."""
         with self._looking:
-            now_s, connected = self._now_s(), self._devices.connected_ids()
-            for device_id, who in self._seen_now(now_s, connected):
+            now_s = self._now_s()
+            for device_id, who in self._seen_now(now_s, self._lately_connected(now_s)):
                 self._begin_or_go_on(who, device_id, now_s)
             for device_id, watches in self._watches.items():
                 for who, watch in tuple(watches.items()):
@@ -157,6 +162,11 @@ class Watching:
                         self._access.watch_ends(watch.entry, device_id)
                 self._devices.set_watchers(device_id, tuple(watches)[:MAX_NAMES_COUNT])
             self._note(now_s)
+
+    def _lately_connected(self, now_s: float) -> tuple[str, ...]:
+        self._connected_s |= dict.fromkeys(self._devices.connected_ids(), now_s)
+        self._connected_s = {each: at_s for each, at_s in self._connected_s.items() if now_s - at_s <= AWAY_S}
+        return tuple(self._connected_s)
 
     def _note(self, now_s: float) -> None:
         """Write down now and then who still watches, all at once: with many devices on a page these are many."""
@@ -167,7 +177,7 @@ class Watching:
         if entries:
             self._access.watches_go_on(entries)
 
-    def _seen_now(self, now_s: float, connected: tuple[str, ...]) -> list[tuple[str, str]]:
+    def _seen_now(self, now_s: float, device_ids: tuple[str, ...]) -> list[tuple[str, str]]:
         """Return device and person of everything that is shown to somebody; forget pictures that were asked for."""
         with self._lock:
             over = [key for key, window in self._windows.items() if isinstance(key, tuple) and _is_over(window, now_s)]
@@ -176,7 +186,7 @@ class Watching:
             windows = tuple(self._windows.values())
         with_pages = {window.who for window in windows if not window.counts_alone}
         counted = [window for window in windows if not (window.counts_alone and window.who in with_pages)]
-        return [(each, window.who) for window in counted for each in connected if _shows(window, each, now_s)]
+        return [(each, window.who) for window in counted for each in device_ids if _shows(window, each, now_s)]
 
     def _begin_or_go_on(self, who: str, device_id: str, now_s: float) -> None:
         watches = self._watches.setdefault(device_id, {})

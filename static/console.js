@@ -60,7 +60,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   actions.show(device, { fresh, linked, elapsed_s, age_s });
   showPlots(data, elapsed_s);
   for (const [section, part] of [["plots-section", device?.state], ["figures-section", device?.state], ["depth-section", device?.depth_stamp_s]]) $(section).hidden = (part ?? null) === null;
-  scene.show(data.limits, link.consoleTime());
+  scene.show(data.limits, link.consoleTime(), device && { fresh, age_s });
   watchers.show(device, { elapsed_s, linked });
   showVersions({
     draft: data.draft_version, published: data.published_version, undo: data.can_undo, redo: data.can_redo,

@@ -56,6 +56,15 @@ def test_themes_differ_in_colours_alone() -> None:
     assert [path.name for path in styled if "prefers-color-scheme" in path.read_text(encoding="utf-8")] == []
 
 
+def test_no_block_of_the_style_sheet_is_left_open() -> None:
+    """What follows would hold on phones alone, or nowhere."""
+    depth, text = 0, (Path(__file__).resolve().parent.parent / "static" / "style.css").read_text(encoding="utf-8")
+    for line in text.splitlines():
+        assert depth == 0 or not line.startswith("/* ----"), line
+        depth += line.count("{") - line.count("}")
+    assert depth == 0
+
+
 @pytest.mark.slow
 def test_no_page_has_a_fault_with_data_or_empty(
     browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site

@@ -25,7 +25,7 @@ from console.recordings import Recordings
 from console.retention import DEFAULT_DAYS, Retention
 from console.server import ConsoleServer
 from console.store import Store
-from console.watching import GRACE_S, SAYS_AT_LEAST_EVERY_S, Watching
+from console.watching import AWAY_S, GRACE_S, SAYS_AT_LEAST_EVERY_S, Watching
 from device_agent.adapters.clocks import SteppedClock
 from device_agent.journal import EventJournal
 from device_agent.link import ConsoleLink
@@ -113,6 +113,22 @@ def test_what_never_says_what_it_shows_counts_as_watching_everything(hands: Hand
     hands.watching.opened("program", "Ben", says=False)
     hands.pass_s(100.0)
     assert dict(hands.told) == {"glasses": ("Ben",), "spare": ("Ben",)}
+
+
+def test_whoever_still_shows_a_walker_whose_link_breaks_watches_on_but_not_for_ever(hands: Hands) -> None:
+    hands.watching.opened("program", "Ben", says=False)
+    hands.watching.look()
+    told = list(hands.told)
+    hands.connected = ("spare",)
+    for _ in range(4):
+        hands.pass_s(AWAY_S / 5.0)
+    hands.connected = ("glasses", "spare")
+    hands.pass_s(1.0)
+    assert hands.told == told, "the link is back, and nothing is news"
+    hands.connected = ("spare",)
+    hands.pass_s(AWAY_S + 0.1)
+    hands.pass_s(GRACE_S)
+    assert hands.told == [*told, ("glasses", ())]
 
 
 def test_a_scene_counts_only_where_its_person_has_no_page(hands: Hands) -> None:

@@ -22,9 +22,7 @@ REUSED_S = 0.05
 _CLOCK_MOVED_S = 0.02
 """Ages in a part are right as long as the device's clock is known to no other offset than this."""
 _ViewOf = Callable[[LiveDevice, float], object]
-PARTS: Mapping[str, _ViewOf] = MappingProxyType(
-    {"events": events_view, "commands": commands_view, "route": route_view}
-)
+PARTS: Mapping[str, _ViewOf] = MappingProxyType({"events": events_view, "commands": commands_view, "route": route_view})
 """The parts that seldom change, each made of the device's field of that name; beside them the ``alerts``."""
 UNWATCHED_PARTS: Mapping[str, _ViewOf] = MappingProxyType(
     {"events": lambda device, now_s: [], "commands": own_commands_view, "route": lambda device, now_s: None}

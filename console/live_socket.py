@@ -1,4 +1,4 @@
-"""``/live``: what happens, streamed to the pages at no more than 20 Hz, and at least once a second.
+"""``/live``: what happens, streamed to the pages at no more than 30 Hz, and at least once a second.
 
 Each message is the picture of that instant, so a slow browser skips what is old instead of falling behind; what seldom
 changes (:mod:`console.live_pictures`, the roster) is in it only where the page has not been told it yet. A page that
@@ -28,10 +28,13 @@ from console.page_stream import serve, set_from_any_thread
 from console.requests import signed_in
 from console.services import Services
 from console.watching import Window
+from navcore.wire_pace import Pace
 
-SHORTEST_S = 0.05
-"""For a page of one device: as often as that may tell its state."""
-SHORTEST_OF_MANY_S = 0.1
+RATE_HZ = 30.0
+"""At most, for a page of one device. That tells its state at 20 Hz: at no more than that, what has once waited for its
+turn would make all that follows wait as long.
+"""
+RATE_OF_MANY_HZ = 10.0
 LONGEST_S = 1.0
 LIMITS = {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S}
 Scope = Literal["all", "one", "none"]
@@ -57,7 +60,9 @@ def add_routes(app: FastAPI, services: Services) -> None:
                 if window.shows(device_ids):
                     changed.set()
 
-            await serve(socket, services, lambda: _stream(socket, services, pictures, who, shown, window, changed), watches)
+            await serve(
+                socket, services, lambda: _stream(socket, services, pictures, who, shown, window, changed), watches
+            )
 
 
 class Shown:
@@ -74,9 +79,9 @@ class Shown:
         self._told: list[dict[str, Any]] | None = None
 
     @property
-    def shortest_s(self) -> float:
-        """The least time from one message to the next."""
-        return SHORTEST_S if self._scope == "one" else SHORTEST_OF_MANY_S
+    def rate_hz(self) -> float:
+        """How often the page is told something, at most."""
+        return RATE_HZ if self._scope == "one" else RATE_OF_MANY_HZ
 
     def concerns(self, device: LiveDevice) -> bool:
         """Say whether what a device tells is shown."""
@@ -144,7 +149,7 @@ async def _stream(
     window: Window,
     changed: asyncio.Event,
 ) -> None:
-    loop, told = asyncio.get_running_loop(), Told()
+    loop, told, pace = asyncio.get_running_loop(), Told(), Pace(shown.rate_hz)
 
     def wake(_: object = None) -> None:
         set_from_any_thread(loop, changed)
@@ -157,14 +162,15 @@ async def _stream(
     ]
     try:
         while True:
+            await asyncio.sleep(pace.wait_s(loop.time()))
+            pace.went(loop.time())
             changed.clear()
             now_s = services.hub.now_s()
             seen = [pictures.of(each, now_s, is_watched=window.sees(each.device_id)) for each in shown.devices()]
             picture = panel_view(services, who, window, seen) | shown.roster_news() | told.news(seen)
             await socket.send_text(msgspec.json.encode(picture).decode())
-            await asyncio.sleep(shown.shortest_s)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), LONGEST_S - shown.shortest_s)
+                await asyncio.wait_for(changed.wait(), LONGEST_S)
     finally:
         for end in ends:
             end()

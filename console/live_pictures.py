@@ -9,11 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Protocol
 
 import msgspec
 
-from console.alerts.alerts import Alert, Alerts
+from console.alerts.alerts import Alert
 from console.live import LiveDevice
 from console.live_panel import changing_view, commands_view, events_view, own_commands_view, route_view
 
@@ -27,6 +27,18 @@ PARTS: Mapping[str, _ViewOf] = MappingProxyType({"events": events_view, "command
 UNWATCHED_PARTS: Mapping[str, _ViewOf] = MappingProxyType(
     {"events": lambda device, now_s: [], "commands": own_commands_view, "route": lambda device, now_s: None}
 )
+
+
+class ShownAlerts(Protocol):
+    """What is asked of the alerts."""
+
+    def active(self, device_id: str | None = None) -> tuple[Alert, ...]:
+        """Return those of a device that are not done with."""
+        ...
+
+    def views(self, device_id: str | None = None) -> list[dict[str, Any]]:
+        """Return them as plain data for JSON."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +70,7 @@ class Picture:
 class LivePictures:
     """The pictures of all devices. For one thread: the loop that serves the pages."""
 
-    def __init__(self, alerts: Alerts) -> None:
+    def __init__(self, alerts: ShownAlerts) -> None:
         self._alerts = alerts
         self._pictures: dict[tuple[str, bool], Picture] = {}
 

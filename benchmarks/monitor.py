@@ -30,7 +30,7 @@ from navcore.geometry import FloatArray
 
 BEGIN_S = 3.0
 """Until all have joined, and the clocks have been compared."""
-CHROMIUM_BEGIN_S = 20.0
+CHROMIUM_BEGIN_S = 30.0
 """Until its page and its scene are there."""
 HOUR_STEPS_COUNT = 12
 TARGET_AGE_P95_S = 0.25
@@ -45,6 +45,7 @@ def main() -> None:
     parser.add_argument("--browsers", type=int, default=5)
     parser.add_argument("--devices", type=int, default=100)
     parser.add_argument("--minutes", type=float, default=60.0, help="of a walk, for the memory")
+    parser.add_argument("--no-scene", action="store_true", help="Chromium draws the page Console without its 3D scene")
     parser.add_argument("--never-say", action="store_true", help="browsers that ask for everything of all devices")
     parser.add_argument("--profile", type=Path, help="file for pstats: where the time of the console's loop goes")
     arguments = parser.parse_args()
@@ -79,7 +80,9 @@ def chromium(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolEx
         async def all_look() -> tuple[list[Seen], FloatArray]:
             return await asyncio.gather(
                 look_all(console.url, console.cookie, pages, until_s),
-                look_with_chromium(console.url, console.cookie, "glasses-0", from_s, until_s),
+                look_with_chromium(
+                    console.url, console.cookie, "glasses-0", from_s, until_s, with_scene=not arguments.no_scene
+                ),
             )
 
         seen, drawn_s = asyncio.run(all_look())

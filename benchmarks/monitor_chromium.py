@@ -30,7 +30,9 @@ _NOTE_MS = """
 """
 
 
-async def look_with_chromium(url: str, cookie: str, device_id: str, from_s: float, until_s: float) -> FloatArray:
+async def look_with_chromium(
+    url: str, cookie: str, device_id: str, from_s: float, until_s: float, *, with_scene: bool
+) -> FloatArray:
     """Return, of each state drawn between two times (monotonic clock), the seconds from its capture to the screen."""
     name, value = cookie.split("=", 1)
     path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -40,8 +42,12 @@ async def look_with_chromium(url: str, cookie: str, device_id: str, from_s: floa
         context = await browser.new_context(viewport={"width": 1280, "height": 800})
         await context.add_cookies([{"name": name, "value": value, "url": url}])
         page = await context.new_page()
-        await page.goto(f"{url}/?device={device_id}")
-        await page.wait_for_selector("#panel[data-capture-to-screen-ms]", timeout=60_000)
+        if not with_scene:
+            await page.route("**/scene/**", lambda route: route.abort())
+        await page.goto(f"{url}/?device={device_id}", wait_until="commit")
+        # By the clock: Playwright's own waiting counts frames, and these are rare here.
+        while not await page.locator("#panel[data-capture-to-screen-ms]").count():
+            await asyncio.sleep(0.1)
         await asyncio.sleep(max(0.0, from_s - time.monotonic()))
         await page.evaluate(_NOTE_MS)
         await asyncio.sleep(max(0.0, until_s - time.monotonic()))

@@ -86,7 +86,9 @@ def chromium(arguments: argparse.Namespace, folder: Path, devices: ProcessPoolEx
             )
 
         seen, drawn_s = asyncio.run(all_look())
-        _print_ages(f"1 device at 20 Hz, {len(pages)} browsers beside Chromium", seen, arguments.seconds, None)
+        _print_ages(
+            f"1 device at 20 Hz, {len(pages)} browsers beside Chromium", seen, arguments.seconds, None, CHROMIUM_BEGIN_S
+        )
         print(
             f"  Chromium: capture to screen {_spread(drawn_s)}; {len(drawn_s) / arguments.seconds:.1f} states a second"
         )
@@ -183,7 +185,9 @@ def _page(arguments: argparse.Namespace) -> Page:
     return EVERYTHING if arguments.never_say else console_page("glasses-0")
 
 
-def _print_ages(what: str, seen: Sequence[Seen], seconds: float, target_s: float | None) -> None:
+def _print_ages(
+    what: str, seen: Sequence[Seen], seconds: float, target_s: float | None, begin_s: float = BEGIN_S
+) -> None:
     until_s = max(come[-1][0] for each in seen for come in each.arrivals.values())
     from_s = until_s - seconds
     ages_s = np.concatenate([each.ages_s(from_s, until_s) for each in seen])
@@ -192,7 +196,7 @@ def _print_ages(what: str, seen: Sequence[Seen], seconds: float, target_s: float
     if target_s is not None:
         verdict = f"; wanted: p95 up to {1e3 * target_s:.0f} ms"
     print(f"  age on the screen {_spread(ages_s)}{verdict}")
-    messages_hz = sum(each.messages_count for each in seen) / len(seen) / (BEGIN_S + seconds)
+    messages_hz = sum(each.messages_count for each in seen) / len(seen) / (begin_s + seconds)
     kbytes = sum(each.bytes_count for each in seen) / max(1, sum(each.messages_count for each in seen)) / 1e3
     shown_count = sum(each.shown_count for each in seen)
     live = f"; shown as live: {100 * sum(each.live_count for each in seen) / shown_count:.1f} %" if shown_count else ""

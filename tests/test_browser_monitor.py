@@ -196,7 +196,7 @@ def _a_silent_console_makes_nothing_look_live(page: Page, device: WalkingDevice,
     for forward_s, word in ((2, "DELAYED"), (5, "STALE"), (12, "LOST")):
         page.clock.fast_forward(1000 * forward_s)
         expect(page.locator("#freshness")).to_contain_text(f"{word}, ")
-    expect(page.get_by_role("alert")).to_contain_text("No connection to the console")
+    expect(page.locator("#link-banner")).to_contain_text("No connection to the console")
     expect(page.locator("#repeat")).to_be_disabled()
     expect(page.locator("#act-note")).to_contain_text("The console does not answer")
     stream.is_frozen = False

@@ -45,7 +45,7 @@ def superseded(command: Command, by: Command) -> Command:
     """Return a command that still waits, given a later one of the same matter: it will not be answered any more."""
     if (
         command.state == "sent"
-        and command.kind not in ("say", "repeat", "ask_colour")
+        and command.kind not in ("say", "repeat", "ask_colour", "apply_settings")
         and by.kind in (command.kind, _OPPOSITES.get(command.kind))
     ):
         return replace(command, state="unanswered")

@@ -10,7 +10,7 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
 
@@ -19,7 +19,6 @@ from console.command_fate import judge, superseded
 from console.errors import ConflictError, NotFoundError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
 from navcore.planning.poi_graph import PoiGraph
-from navcore.settings import SettingValue
 from navcore.wire import (
     ApplySettings,
     AskColour,
@@ -82,6 +81,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
+        self._ahead: set[str] = set()
+        """Devices whose stamps are ahead of their clock as it was compared; the log tells of it once."""
         self._listeners: list[Listener] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
@@ -271,18 +272,9 @@ class DeviceHub:
         request_id = int(self._wall_s() * 1000)
         return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
 
-    def apply_settings(
-        self,
-        device_id: str,
-        revision: int,
-        values: Mapping[str, SettingValue],
-        who: str,
-        revert_after_s: float = 0.0,
-        override_reason: str = "",
-    ) -> Command:
-        """Have the device run these settings, all or none; for so long unless they are kept, where that is not 0."""
-        order = ApplySettings(revision, dict(values), revert_after_s, override_reason)
-        return self._command(device_id, "apply_settings", str(revision), who, order)
+    def apply_settings(self, device_id: str, order: ApplySettings, who: str) -> Command:
+        """Have the device change its settings."""
+        return self._command(device_id, "apply_settings", str(order.revision), who, order)
 
     def keep_settings(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
         """Have the device keep the settings that it tries out, or give them up."""
@@ -313,9 +305,10 @@ class DeviceHub:
     def _updated(self, device: LiveDevice, message: DeviceMessage, now_s: float) -> LiveDevice:
         match message:
             case WalkerState():
+                self._look_at_stamp(device, message.stamp_s, now_s)
                 return replace(device, state=message, state_arrival_s=now_s)
             case DepthImage():
-                return replace(device, depth_image=message)
+                return replace(device, depth_image=message, depth_arrival_s=now_s)
             case ColourImage():
                 return self._with_colour(device, message, now_s)
             case RouteChanged():
@@ -337,6 +330,18 @@ class DeviceHub:
                 return replace(device, hello=message)
             case SettingsRunning() | GraphRunning() | MapRunning() | MapWalkRunning():
                 return _runs(device, message)
+
+    def _look_at_stamp(self, device: LiveDevice, stamp_s: float, now_s: float) -> None:
+        """Note in the log, once, that a device's clock is ahead of what was compared: its ages are counted from
+        arrival."""
+        ahead_s = stamp_s - device.clock_offset_s - now_s
+        is_ahead = device.clock_uncertainty_s is not None and ahead_s > device.clock_uncertainty_s
+        if is_ahead and device.device_id not in self._ahead:
+            _log.warning(
+                "%s stamps what it sends %.1f s ahead of its clock as it was compared: see whether its clock was set."
+                " Ages are counted from arrival until it is right.", device.name, ahead_s,
+            )  # fmt: skip
+        (self._ahead.add if is_ahead else self._ahead.discard)(device.device_id)
 
     def _with_colour(self, device: LiveDevice, image: ColourImage, now_s: float) -> LiveDevice:
         if device.colour_left_s(now_s) <= 0.0:

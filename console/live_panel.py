@@ -42,7 +42,6 @@ def changing_view(device: LiveDevice, now_s: float, *, is_watched: bool = True) 
 
     Who does not watch it is told that it is there, and nothing of its walker.
     """
-    depth_image = device.depth_image if is_watched else None
     return {
         "id": device.device_id,
         "name": device.name,
@@ -55,8 +54,8 @@ def changing_view(device: LiveDevice, now_s: float, *, is_watched: bool = True) 
         "mode": None if device.state is None else device.state.mode,
         "state": _state_view(device, now_s) if is_watched else None,
         "off_road_m": (device.settings or {}).get(OFF_ROAD_SETTING),
-        "depth_stamp_s": depth_image.stamp_s if depth_image else None,
-        "depth_age_s": device.age_of(depth_image.stamp_s, now_s) if depth_image else None,
+        "depth_stamp_s": device.depth_image.stamp_s if device.depth_image and is_watched else None,
+        "depth_age_s": device.depth_age_s(now_s) if is_watched else None,
         "watchers": _watchers_view(device),
         "sharing": _sharing_view(device, now_s),
         "settings_revision": device.settings_revision,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from console.access import AccessLog
@@ -14,6 +15,7 @@ from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.exports import Exports
 from console.hub import DeviceHub
+from console.incident_timeline import IncidentTimelines
 from console.live import EVENTS_KEPT_COUNT, Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
@@ -89,6 +91,8 @@ class Services:
     """Earlier alerts."""
     incidents: Incidents
     """What was heard of devices around alerts."""
+    incident_timelines: IncidentTimelines
+    """The same, to be played."""
     access: AccessLog
     """Who has watched, and who has looked at what is kept: ``note`` is called wherever that is shown."""
     watching: Watching
@@ -142,9 +146,16 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     walks = PastWalks(recordings)
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
+    walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks)
+    incident_timelines = IncidentTimelines(incidents)
+
+    def forget_deleted_walks() -> None:
+        walk_library.forget_deleted(walks.all())
+        what_ifs.forget_deleted()
+
     kept_of_walkers: dict[str, DeleteBefore] = {
-        "Walks": recordings.delete_before,
-        "Incidents": incidents.delete_before,
+        "Walks": _and_then(recordings.delete_before, forget_deleted_walks),
+        "Incidents": _and_then(incidents.delete_before, incident_timelines.forget_deleted),
         "Alerts": alert_store.delete_before,
         "Events": delete_events_before,
         "Access log": access.delete_before,
@@ -174,8 +185,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         tuning=tuning,
         recordings=recordings,
         walks=walks,
-        walk_library=WalkLibrary(walks),
-        what_ifs=WhatIfs(walks),
+        walk_library=walk_library,
+        what_ifs=what_ifs,
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),
@@ -186,8 +197,21 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         alerts=Alerts(hub, alert_store, incidents),
         alert_store=alert_store,
         incidents=incidents,
+        incident_timelines=incident_timelines,
         access=access,
         watching=watching,
         retention=retention,
         timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, watching.look)),
     )
+
+
+def _and_then(delete_before: DeleteBefore, forget: Callable[[], None]) -> DeleteBefore:
+    """Return what deletes, and has forgotten then what was found in what is gone."""
+
+    def both(wall_s: float) -> int:
+        try:
+            return delete_before(wall_s)
+        finally:
+            forget()
+
+    return both

@@ -12,7 +12,6 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from console.live_panel import reason_sentence
 from console.walk_layers import Layers, layers_of
 from console.walk_marks import STANDING_M_S, Mark, led, marks_of, on_the_way, steps_s
 from console.walk_timeline import WalkTimeline
@@ -82,7 +81,7 @@ class WalkFound(msgspec.Struct, frozen=True):
     version: int
 
 
-FOUND_VERSION = 1
+FOUND_VERSION = 2
 """Of what is found and how; what another version has found is found anew."""
 
 
@@ -160,7 +159,7 @@ def _outcome(timeline: WalkTimeline, arrived: bool) -> str:
         return "Nobody was led."
     if last_led[-1] < len(timeline.stamps_s) - 1:
         return "Ended on the way."
-    return f"The recording ends on the way: {reason_sentence(timeline.word('reason', -1))}"
+    return f"The recording ends on the way: {timeline.sentence_at(len(timeline.stamps_s) - 1)}"
 
 
 def _path_m(timeline: WalkTimeline) -> float:

@@ -6,6 +6,7 @@ can be ended. What has been found is remembered for the same walk and the same v
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
@@ -124,6 +125,16 @@ class WhatIfs:
             if self._work is not None and self._work.run_id == run_id:
                 self._work.process.stop()
         return run
+
+    def forget_deleted(self) -> None:
+        """Forget what was asked of walks, or parts of walks, that were deleted meanwhile."""
+        with self._lock:
+            gone = [run_id for run_id, run in self._runs.items() if not all(file.exists() for file in run.files)]
+        for run_id in gone:
+            with contextlib.suppress(NotFoundError):
+                self.cancel(run_id)
+            with self._lock:
+                self._runs.pop(run_id, None)
 
     def close(self) -> None:
         """Give up what runs and waits."""

@@ -15,7 +15,7 @@ from typing import Annotated, Literal, TypeVar, cast
 import msgspec
 
 from navcore.errors import VersionError, WireError
-from navcore.modes import Mode
+from navcore.modes import Mode, is_led
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 from navcore.wire_trace import DecisionTraceView, Finite, WireCandidate
@@ -121,6 +121,11 @@ class WalkerState(_Message, frozen=True, tag="state"):
     is_charging: bool | None = None
     temperature_c: Finite | None = None
     """Of the hottest part that the device measures; None where it measures none."""
+
+    @property
+    def leads_somebody(self) -> bool:
+        """Whether somebody is being led, though they may stand just now."""
+        return is_led(self.mode, has_destination=self.destination_id is not None)
 
 
 class DepthImage(_Message, frozen=True, tag="depth_image"):
@@ -331,14 +336,20 @@ class Accesses(_Message, frozen=True, tag="accesses"):
 
 
 class ApplySettings(_Message, frozen=True, tag="apply_settings"):
-    """Run these settings: all of them or, where one is refused, none."""
+    """Change these settings: all of them or, where one is refused, none; the others stay as they are."""
 
     revision: Count
     values: dict[str, float | int | bool | str]
+    """Those that change."""
     revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
-    """The settings before run again after this time unless these are kept; 0: these are kept at once."""
+    """The settings before run again after this time unless these are kept; 0: these are kept at once, but what safety
+    hangs on is tried out all the same, for as long as the device has it tried out by itself."""
     override_reason: Text = ""
     """Why what safety hangs on is changed though somebody is being led; empty: then it is refused."""
+    base_revision: Count | None = None
+    """They are changes of this revision, and refused where another one runs by now; None: of whatever runs."""
+    kept_before: bool = False
+    """The device ran these and somebody kept them, but it has lost them: they are not tried out again."""
 
 
 class KeepSettings(_Message, frozen=True, tag="keep_settings"):
@@ -420,7 +431,7 @@ _ROWS = (
     MessageRow(AskColour, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(Watchers, _DOWN, 6, "on change", None, 2, Delivery.KEPT, 16 * _KIB),
     MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
-    MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
+    MessageRow(ApplySettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(Accesses, _DOWN, 6, "on change", None, 4, Delivery.KEPT, 32 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),

@@ -11,7 +11,6 @@ const AGAIN_AFTER_MS = 1000;
 const SHOWN = 3;
 const SHOWN_S = 90;
 const SLOW_S = 3;
-const LED = ["guiding", "lost", "paused", "fault"];
 
 export class Actions {
   /** Works the controls of the page Console. `placeName(id)` is a place of the map in words. */
@@ -45,9 +44,9 @@ export class Actions {
   }
 
   async stopGuiding() {
-    const { id, name, state } = this.device;
+    const { id, name, state, leads_somebody } = this.device;
     const where = state?.destination_id ? ` to ${this.placeName(state.destination_id)}` : "";
-    const wanted = !LED.includes(state?.mode) || (await sure({
+    const wanted = !leads_somebody || (await sure({
       title: "Stop guiding?", text: `${name} is on the way${where}. The walker is told that guidance has ended, and stands without it.`,
       yes: "Stop guiding", no: "Go on guiding",
     }));
@@ -88,6 +87,8 @@ export class Actions {
 const WORDS = {
   begin_map_walk: () => "Begin a map walk", end_map_walk: () => "End the map walk", clear: () => "Stop guiding", pause: () => "Pause",
   resume: () => "Resume", repeat: () => "Repeat", set_destination: (place) => `Guide to ${place}`, say: (text) => `Say “${text}”`,
+  apply_settings: (revision) => `Apply settings, revision ${revision}`, keep_settings: (revision) => `Keep settings, revision ${revision}`,
+  give_up_settings: (revision) => `Go back from settings, revision ${revision}`,
 };
 
 /** Why nothing can be asked, or what to know before it is. */

@@ -33,7 +33,7 @@ export class SettingRow {
     }
     if (spec.kind === "bool") {
       const check = el("input", { ...about, type: "checkbox", onchange: () => this.change(spec, check.checked) });
-      return { node: check, inputs: [check], set: (value) => { check.checked = value; } };
+      return { node: el("label", { class: "check" }, check), inputs: [check], set: (value) => { check.checked = value; } };
     }
     const range = { min: spec.low, max: spec.high, step: spec.step ?? "any" };
     const slider = el("input", { ...about, ...range, type: "range" });

@@ -20,7 +20,7 @@ export function differences(specs, from, to) {
 /** A table of what differs. */
 export function differenceTable(found, fromTitle, toTitle) {
   const head = ["Setting", fromTitle, toTitle].map((title) => el("th", { scope: "col" }, title));
-  return el("div", { class: "table-wrap" }, el("table", { "aria-label": `${fromTitle}, ${toTitle}` }, el("thead", {}, el("tr", {}, ...head)),
+  return el("div", { class: "table-wrap", role: "region", tabindex: 0, "aria-label": `${fromTitle}, ${toTitle}` }, el("table", { "aria-label": `${fromTitle}, ${toTitle}` }, el("thead", {}, el("tr", {}, ...head)),
     el("tbody", {}, ...found.map(({ spec, from, to }) => el("tr", {},
       el("th", { scope: "row" }, `${spec.group_title}: ${humanName(spec)}`, spec.safety ? el("span", { class: "badge warn", "data-mark": "▲" }, "safety") : null),
       el("td", { class: "number-cell" }, valueWords(spec, from)), el("td", { class: "number-cell" }, valueWords(spec, to)))))));

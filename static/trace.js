@@ -19,6 +19,12 @@ const SAME_THING_M = 0.35;
 const FREE = 0, OBSTACLE = 1, DROP = 2, UNKNOWN = 3, HEARD = 4;
 const MARK_EVERY_RAD = Math.PI / 45;
 const SAME_INSTANT_S = 0.15;
+const SEEN_RAD = Math.PI / 4, SEEN_STEP_RAD = Math.PI / 60;
+const SEEN_COUNT = Math.round((2 * SEEN_RAD) / SEEN_STEP_RAD) + 1;
+/** Where nothing was looked at, all that the camera would see is not known: an empty picture would look free. */
+const NOT_LOOKED = {
+  first_rad: -SEEN_RAD, step_rad: SEEN_STEP_RAD, states: Array(SEEN_COUNT).fill(UNKNOWN), nearest_cm: Array(SEEN_COUNT).fill(0),
+};
 const SILENT = { no_echo: "sonar: no echo", stale: "sonar: silent", absent: "no sonar" };
 const LEGEND = [
   ["free", "seen to be free", "M2 12 L4 2 H14 L16 12 Z"],
@@ -143,7 +149,8 @@ class PolarPlot {
   }
 
   showScan(scan) {
-    const { states = [], nearest_cm = [], first_rad = 0, step_rad = 0, unseen = [] } = scan ?? {};
+    const { states, nearest_cm, first_rad, step_rad } = scan?.states.length ? scan : NOT_LOOKED;
+    const unseen = scan?.unseen ?? [];
     const parts = { free: "", unknown: "", edge: "", drop: "", heard: "" };
     // Neighbours closer than their marks are wide share one.
     let marked_rad = -Infinity;

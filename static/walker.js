@@ -39,6 +39,7 @@ class Now {
     card.append(make("div", "now-sign", { class: "sign fades" }), make("p", "now-state", { class: "state fades" }), make("p", "now-action", { class: "action fades" }), make("p", "now-reason", { class: "reason fades" }), cue);
     root.replaceChildren(make("p", "dated", { class: "dated", role: "status", hidden: true }), make("p", "now-said", { class: "visually-hidden", role: "status" }), card);
     this.drawSign = onChange((name) => this["now-sign"].replaceChildren(icon(name)));
+    this.said = "";
   }
 
   show(device, { elapsed_s, age_s, fresh, name }) {
@@ -53,13 +54,21 @@ class Now {
     this.drawSign(sign);
     setText(this["now-state"], state.mode_label);
     setText(this["now-action"], words);
-    const reason = guided ? state.reason : state.mode_sentence;
+    // Never the bare reason: that one calls the way free, though nobody may have measured it.
+    const reason = guided ? state.trace.sentence : state.mode_sentence;
     setText(this["now-reason"], reason);
-    // For screen readers: what changes a few times a minute, not every degree.
-    setText(this["now-said"], `${state.mode_label}. ${guided ? `${SPOKEN[state.action]} ` : ""}${reason}`);
+    // For screen readers: a few times a minute, not with every degree and metre of the sentence.
+    this.say(`${state.mode} ${state.action} ${state.reason}`, `${state.mode_label}. ${guided ? `${SPOKEN[state.action]} ` : ""}${reason}`);
     this["now-cue"].hidden = !state.last_cue;
     setText(this["now-cue-text"], state.last_cue);
     setText(this["now-cue-age"], state.last_cue_age_s === null ? "" : ago(state.last_cue_age_s + elapsed_s));
+  }
+
+  /** Say `words` where what they tell of, `about`, is another than before. */
+  say(about, words) {
+    if (about === this.said) return;
+    this.said = about;
+    setText(this["now-said"], words);
   }
 
   showDate(device, age_s, fresh) {

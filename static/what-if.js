@@ -128,7 +128,7 @@ function comparison({ then, now }) {
     line("Mean deviation (m)", ({ mean_deviation_m }) => mean_deviation_m, 2),
   ];
   const head = ["", "Then", "Now", "Difference"].map((title) => el("th", { scope: "col", class: title ? "number" : "" }, title || el("span", { class: "visually-hidden" }, "Figure")));
-  return el("div", { class: "table-wrap" }, el("table", { class: "what-if-figures", "aria-label": "Then and now" }, el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...lines)));
+  return el("div", { class: "table-wrap", role: "region", tabindex: 0, "aria-label": "Then and now" }, el("table", { class: "what-if-figures", "aria-label": "Then and now" }, el("thead", {}, el("tr", {}, ...head)), el("tbody", {}, ...lines)));
 }
 
 /** Two bands of actions over time; `choose(at_s)` hears a click. */

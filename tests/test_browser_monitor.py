@@ -61,7 +61,7 @@ NEED = """
 async () => {
   const { attention, byNeed } = await import('/static/attention.js');
   const row = (mode, action = 'walk', quality = 'localized', connected = true) => (
-    { connected, mode, action, quality, reason: 'why' });
+    { connected, mode, action, quality, reason: 'why', leads_somebody: !['ready', 'off_duty'].includes(mode) });
   const all = {
     walks: [row('guiding'), 'live'], ready: [row('ready'), 'live'], silent: [row('guiding'), 'stale'],
     stands: [row('guiding', 'stop'), 'live'], lost: [row('lost', 'stop', 'lost'), 'live'],

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from device_agent.silhouette import COLOUR_LONGEST_PX, colour_jpeg
 from device_hall import Rig
 
 from device_agent.consent_watch import ConsentWatch
@@ -27,6 +26,7 @@ from device_agent.sharing import Consent, LinkStands
 from navcore.cues.privacy_words import accesses_text, names_text
 from navcore.cues.table import CueKind, CuePriority
 from navcore.modes import Mode
+from navcore.silhouette import COLOUR_LONGEST_PX, colour_jpeg
 from navcore.types import Frame
 from navcore.wire import (
     MESSAGES,

@@ -276,7 +276,9 @@ def test_nothing_of_a_recording_is_read_before_it_is_quiet_and_its_reading_ends_
 # ---------------------------------------------------------------------------------------------------------- walks
 def sent_walks(source: MapSource, folder: Path, until: Callable[[], bool]) -> None:
     """Let the uploads of recorded walks run until something is so."""
-    settings = LinkSettings(source.console_url, source.token, folder / "incoming", walks=folder)
+    settings = LinkSettings(
+        source.console_url, source.token, folder / "incoming", walks=folder, shares_walks=lambda: True
+    )
 
     async def run() -> None:
         uploads = RecordingUploads(settings, asyncio.Event(), at_once, lambda failures: 0.0, at_once, lambda told: None)

@@ -47,6 +47,7 @@ async def look_with_chromium(
         await page.goto(f"{url}/?device={device_id}", wait_until="commit")
         # By the clock: Playwright's own waiting counts frames, and these are rare here.
         while not await page.locator("#panel[data-capture-to-screen-ms]").count():
+            assert time.monotonic() < until_s, "the page drew no state in all that time: the machine has no time for it"
             await asyncio.sleep(0.1)
         await asyncio.sleep(max(0.0, from_s - time.monotonic()))
         await page.evaluate(_NOTE_MS)

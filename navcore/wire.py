@@ -426,7 +426,7 @@ _ROWS = (
     MessageRow(SharingRunning, _UP, 6, "on change", None, 2, Delivery.KEPT, 8 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
     MessageRow(Event, _UP, 6, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
-    MessageRow(WalkerState, _UP, 6, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(WalkerState, _UP, 6, "after each cycle", 20.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(ColourImage, _UP, 6, "while it is allowed", 1.0, 6, Delivery.SPARE, 128 * _KIB),

@@ -5,7 +5,7 @@ import { $, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
 import { History } from "./history.js";
 import { undoKeys } from "./keys.js";
-import { doubt, follow, freshnessOf, showBadge } from "./live.js";
+import { doubt, follow, freshnessOf, onScreen, showBadge } from "./live.js";
 import { refuseTwin } from "./names.js";
 import { Plots } from "./plots.js";
 import { SceneAge } from "./scene_age.js";
@@ -94,13 +94,13 @@ function showPlots(data, elapsed_s) {
 
 /** Measure how old a state is once the browser has drawn it; `offset_s` is what to add to the console's time to have its age. */
 function measure(sample, offset_s) {
-  requestAnimationFrame(() => setTimeout(() => {
+  onScreen(() => {
     const console_s = link.consoleTime();
     if (console_s === null) return;
     captureToScreen_s = Math.max(0, console_s + offset_s);
     sample.latency_ms = 1000 * captureToScreen_s;
     $("panel").dataset.captureToScreenMs = sample.latency_ms.toFixed(1);
-  }));
+  });
 }
 
 // -------------------------------------------------------------------------------------------------- which device

@@ -1,7 +1,7 @@
 /* Why the walker is told what they are told: a sentence, a picture from above, and the checks one by one.
 
    The picture shows the floor round the walker, who looks up the page. Every mark has a shape of its own, and what is
-   not known is hatched: colour says nothing alone. Nodes are made once; ten times a second only attributes change. */
+   not known is hatched: colour says nothing alone. Nodes are made once; with each decision only attributes change. */
 
 import { ago, el, metres, setText } from "./dom.js";
 import { toast } from "./toast.js";

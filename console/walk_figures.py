@@ -12,9 +12,10 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from console.timeline import NamedPlace
 from console.walk_layers import Layers, layers_of
 from console.walk_marks import STANDING_M_S, Mark, led, marks_of, on_the_way, steps_s
-from console.walk_timeline import NamedPlace, WalkTimeline
+from console.walk_timeline import WalkTimeline
 from navcore.deviation import DeviationFigures
 from navcore.modes import Mode
 from navcore.tagging import is_made_name

@@ -1,8 +1,8 @@
 """Who sees the walker, told to them; and what they allow. Pure: steps from one frozen state to the next.
 
 Nothing here ever speaks over an instruction: its cues have the lowest priority, and wait for a gap between other words
-that is long enough. A sentence that is cut off all the same is said again after a while, until it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
-with the one who asked.
+that is long enough. A sentence that is cut off all the same is said again after a while, until it has been heard whole.
+A question that nobody answers is refused; what was allowed ends by itself, with the link, and with the one who asked.
 """
 
 from __future__ import annotations

@@ -23,12 +23,13 @@ from console.live_panel import device_view
 from console.past_walks import PastWalk, PastWalks
 from console.recordings import Recordings
 from console.server import ConsoleServer
+from console.timeline import NamedPlace
 from console.view_requests import EndPast, ShowPast, ViewRequest
 from console.walk_comparison import compared_with
 from console.walk_figures import Deviation, WalkFigures, figures_of
 from console.walk_library import WalkLibrary
 from console.walk_reading import read_walk
-from console.walk_timeline import NamedPlace, state_of
+from console.walk_timeline import state_of
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder

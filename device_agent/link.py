@@ -424,7 +424,7 @@ class ConsoleLink:
                 self._device.submit(message)
         return None
 
-    def _take_order(self, order: Order, holds_s: float) -> None:
+    def _take_order(self, order: ConsoleMessage, holds_s: float) -> None:
         """Hand on what somebody asked for just now; a device that stood still finds old orders in its socket."""
         if holds_s < 0.0:
             self._happened(expired_text(order))

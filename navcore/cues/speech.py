@@ -272,7 +272,7 @@ def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -
 def _cut_off(
     memory: CueMemory, before: CueMemory, played: tuple[Cue, ...], heard: CueBus, now_s: float
 ) -> tuple[CueMemory, CueBus]:
-    """Announcements and what is told beside guidance do not wait, nor does an answer that was begun: it can be asked again.
+    """Announcements and what is told beside guidance do not wait, nor does an answer that was begun.
 
     An announcement of what the map knows that other words have cut off is made anew, with a true distance.
     """

@@ -204,6 +204,8 @@ def _print_ages(
 
 
 def _spread(values_s: FloatArray) -> str:
+    if not len(values_s):
+        return "of none: nothing was drawn"
     p50, p95, most = 1e3 * np.percentile(values_s, (50, 95, 100))
     return f"p50 {p50:.0f} ms, p95 {p95:.0f} ms, at most {most:.0f} ms"
 

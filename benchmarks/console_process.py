@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -23,22 +24,35 @@ from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site, save_site
 from navcore.types import CameraIntrinsics
 
+_SITE, _DATA = "site", "data"
 _START_WITHIN_S = 60.0
 _TICK_S = 1.0 / os.sysconf("SC_CLK_TCK")
 _PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class RunningConsole:
     """A console that serves, and who may come in."""
 
+    folder: Path
+    process: subprocess.Popen[bytes]
     url: str
-    pid: int
     session: str
     """Of an admin who is signed in."""
     tokens: tuple[str, ...]
     """One of each device."""
-    data_folder: Path
+
+    def kill_and_start_again(self) -> None:
+        """End it without a warning (kill -9), and serve the same data at the same address."""
+        self.process.kill()
+        self.process.wait()
+        self.process, url = _started(self.folder, urlsplit(self.url).port or 0)
+        assert url == self.url
+
+    @property
+    def pid(self) -> int:
+        """Of its process."""
+        return self.process.pid
 
     @property
     def cookie(self) -> str:
@@ -61,7 +75,7 @@ class RunningConsole:
 
     def stored_sequences(self, device_id: str) -> list[int]:
         """The numbers of a device's stored events, in the order in which they were stored."""
-        base = sqlite3.connect(self.data_folder / DATABASE_FILE)
+        base = sqlite3.connect(self.folder / _DATA / DATABASE_FILE)
         rows = base.execute("SELECT sequence FROM device_events WHERE device_id = ? ORDER BY id", (device_id,))
         found = [sequence for (sequence,) in rows]
         base.close()
@@ -71,18 +85,34 @@ class RunningConsole:
 @contextmanager
 def console_process(folder: Path, devices_count: int, profile: Path | None = None) -> Iterator[RunningConsole]:
     """Serve a small site until the block ends, with ``vbr console``; ``profile`` is for ``pstats``, of its loop."""
-    save_site(_corridor(), folder / "site")
-    data_folder, ready_file = folder / "data", folder / "ready.json"
-    session, tokens = _let_in(ConsoleConfig(folder / "site", data_folder), devices_count)
-    command = ["console", "--site", folder / "site", "--data", data_folder, "--port", "0", "--ready-file", ready_file]
+    save_site(_corridor(), folder / _SITE)
+    session, tokens = _let_in(ConsoleConfig(folder / _SITE, folder / _DATA), devices_count)
+    process, url = _started(folder, 0, profile)
+    console = RunningConsole(folder, process, url, session, tokens)
+    try:
+        yield console
+    finally:
+        console.process.send_signal(signal.SIGTERM)
+        console.process.wait(30.0)
+
+
+def _started(folder: Path, port: int, profile: Path | None = None) -> tuple[subprocess.Popen[bytes], str]:
+    ready_file = folder / "ready.json"
+    ready_file.unlink(missing_ok=True)
+    command = (
+        "console",
+        "--site",
+        folder / _SITE,
+        "--data",
+        folder / _DATA,
+        "--port",
+        port,
+        "--ready-file",
+        ready_file,
+    )
     under = ["-m", "cProfile", "-o", str(profile)] if profile is not None else []
     process = subprocess.Popen([sys.executable, *under, "-m", "device_agent", *map(str, command)])
-    try:
-        ready = _ready(ready_file, process)
-        yield RunningConsole(ready["url"], process.pid, session, tokens, data_folder)
-    finally:
-        process.send_signal(signal.SIGTERM)
-        process.wait(30.0)
+    return process, _ready(ready_file, process)["url"]
 
 
 def _let_in(config: ConsoleConfig, devices_count: int) -> tuple[str, tuple[str, ...]]:

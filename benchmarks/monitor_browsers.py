@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import json
 import socket as sockets
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from urllib.parse import urlsplit
 
 import msgspec
 import numpy as np
-from websockets.asyncio.client import connect
+from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from benchmarks.monitor_devices import captured_s
@@ -19,6 +21,32 @@ from navcore.geometry import FloatArray
 
 FRAMES_HZ = 60.0
 """How often a screen shows what is there by then."""
+
+
+SAY_EVERY_S = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Page:
+    """What a browser has open."""
+
+    path: str
+    watching: tuple[str, ...] | None
+    """Ids of the devices that it says it shows; None says nothing, and is sent everything."""
+
+
+EVERYTHING = Page("/live", None)
+"""No page of ours: a program, or one of an older version."""
+
+
+def console_page(device_id: str) -> Page:
+    """Return the page Console of a device."""
+    return Page(f"/live?says=1&devices=one&device={device_id}", (device_id,))
+
+
+def overview_page(device_ids: Sequence[str]) -> Page:
+    """Return the page Overview."""
+    return Page("/live/overview?says=1", tuple(device_ids))
 
 
 class _State(msgspec.Struct):
@@ -31,8 +59,14 @@ class _Device(msgspec.Struct):
     state: _State | None = None
 
 
-class _Panel(msgspec.Struct):
-    devices: list[_Device]
+class _Row(msgspec.Struct):
+    captured_s: float | None = None
+
+
+class _Told(msgspec.Struct):
+    devices: list[_Device] = msgspec.field(default_factory=list)
+    rows: dict[str, _Row] = msgspec.field(default_factory=dict)
+    """Of the page Overview, and only where they changed."""
 
 
 @dataclass
@@ -50,15 +84,20 @@ class Seen:
         """Note what a message shows."""
         self.messages_count += 1
         self.bytes_count += len(data)
-        for device in msgspec.json.decode(data, type=_Panel).devices:
+        told = msgspec.json.decode(data, type=_Told)
+        for device in told.devices:
             at_s = captured_s(device.state.last_cue) if device.state is not None else None
-            if at_s is None:
-                continue
-            self.shown_count += 1
-            self.live_count += device.freshness == "live"
-            known = self.arrivals.setdefault(device.id, [])
-            if not known or known[-1][1] != at_s:
-                known.append((now_s, at_s))
+            if at_s is not None:
+                self.shown_count += 1
+                self.live_count += device.freshness == "live"
+            self._note(device.id, at_s, now_s)
+        for device_id, row in told.rows.items():
+            self._note(device_id, row.captured_s, now_s)
+
+    def _note(self, device_id: str, at_s: float | None, now_s: float) -> None:
+        known = self.arrivals.setdefault(device_id, []) if at_s is not None else []
+        if at_s is not None and (not known or known[-1][1] != at_s):
+            known.append((now_s, at_s))
 
     def delays_s(self, from_s: float, until_s: float) -> FloatArray:
         """From capture until a browser has it, of all that came in that time."""
@@ -78,7 +117,9 @@ def _ages_s(arrivals_s: FloatArray, frames_s: FloatArray) -> FloatArray:
     return frames_s[drawn] - arrivals_s[newest[drawn], 1]
 
 
-async def look(url: str, cookie: str, until_s: float, seen: Seen, *, reads_every_s: float | None = 0.0) -> None:
+async def look(
+    url: str, cookie: str, page: Page, until_s: float, seen: Seen, *, reads_every_s: float | None = 0.0
+) -> None:
     """Be a browser until a time, and note what is seen: read at once, only every so often, or (None) never.
 
     A slow one has the small buffers of a thin line, so that what it does not read is soon the console's to hold.
@@ -94,11 +135,14 @@ async def look(url: str, cookie: str, until_s: float, seen: Seen, *, reads_every
         async with (
             asyncio.timeout(until_s - time.monotonic()),
             connect(
-                f"{url.replace('http', 'ws', 1)}/live", sock=line, origin=url,  # type: ignore[arg-type]
+                f"{url.replace('http', 'ws', 1)}{page.path}", sock=line, origin=url,  # type: ignore[arg-type]
                 additional_headers={"Cookie": cookie}, compression=None, proxy=None, max_size=None,
                 max_queue=1 if is_slow else 16, ping_interval=None, close_timeout=1.0,
             ) as socket,
+            asyncio.TaskGroup() as tasks,
         ):  # fmt: skip
+            if page.watching is not None:
+                tasks.create_task(_say(socket, page.watching))
             while True:
                 if reads_every_s is None:
                     await asyncio.sleep(3600.0)
@@ -106,8 +150,14 @@ async def look(url: str, cookie: str, until_s: float, seen: Seen, *, reads_every
                 await asyncio.sleep(reads_every_s or 0.0)
 
 
-async def look_all(url: str, cookie: str, count: int, until_s: float) -> list[Seen]:
-    """Be so many browsers at once."""
-    every = [Seen() for _ in range(count)]
-    await asyncio.gather(*(look(url, cookie, until_s, seen) for seen in every))
+async def _say(socket: ClientConnection, watching: Sequence[str]) -> None:
+    while True:
+        await socket.send(json.dumps({"type": "watching", "watching": watching}))
+        await asyncio.sleep(SAY_EVERY_S)
+
+
+async def look_all(url: str, cookie: str, pages: Sequence[Page], until_s: float) -> list[Seen]:
+    """Be a browser of each of these pages, all at once."""
+    every = [Seen() for _ in pages]
+    await asyncio.gather(*(look(url, cookie, page, until_s, seen) for page, seen in zip(pages, every, strict=True)))
     return every

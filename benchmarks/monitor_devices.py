@@ -13,7 +13,7 @@ import time
 from dataclasses import dataclass, field
 
 from websockets.asyncio.client import ClientConnection, connect
-from websockets.exceptions import ConnectionClosed
+from websockets.exceptions import WebSocketException
 
 from navcore.modes import Mode
 from navcore.settings import Settings
@@ -35,10 +35,16 @@ from navcore.wire import (
     encode,
 )
 from navcore.wire_pace import BURST_S, Pace
+from navcore.wire_trace import DecisionTraceView, WireScan
 
 CAPTURED = "captured at "
 EVENT_EVERY_S = 2.0
 """In a walk something is said about so often."""
+_TRACE = DecisionTraceView(
+    "theta_opt", optimal_rad=0.05, required_m=2.0, valid_fraction=0.9,
+    scan=WireScan(-0.45, 0.0145, (1,) * 63, tuple(range(180, 495, 5))),
+)  # fmt: skip
+"""As large as that of a real depth image."""
 _JPEG = bytes(range(256)) * 24
 _CONFIRM_WITHIN_S = 30.0
 
@@ -95,7 +101,7 @@ class Device:
                 async with self._joined() as socket:
                     await self._tell(socket, until_s, rate_hz)
                     return self.told
-            except (OSError, ConnectionClosed, TimeoutError) as error:
+            except (OSError, WebSocketException, TimeoutError) as error:
                 self.told.last_break = f"{type(error).__name__}: {error}"
                 await asyncio.sleep(0.5)
         return self.told
@@ -177,7 +183,7 @@ class Device:
             inlier_count=120, direction_rad=0.05, expected_rad=0.02, sub_goal=(x_m + 2.0, 0.0), sub_goal_case=1,
             candidates=candidates, deviation_m=0.1, remaining_m=30.0 - x_m, nearest_ahead_m=3.2, sonar_state="ok",
             sonar_m=3.1, speed_m_s=0.8, last_cue=f"{CAPTURED}{stamp_s:.4f}", last_cue_stamp_s=stamp_s, cycle_ms=12.0,
-            frame_rate_hz=10.0, mode=Mode.GUIDING, destination_id="bar",
+            frame_rate_hz=20.0, mode=Mode.GUIDING, destination_id="bar", trace=_TRACE,
         )  # fmt: skip
 
 

@@ -60,7 +60,7 @@ class _Device:
         site_id, version = services.model.site.site_id, services.model.published.version
         return Hello(PROTOCOL_VERSION, "glasses", "0", site_id, services.package.checksum, version, 0, 0.0)
 
-    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
+    def submit(self, order: ConsoleMessage | MapWalkTold, holds_s: float = np.inf) -> None:
         """Nothing is done here."""
 
     def map_arrived(self, staging: Path, checksum: str) -> None:

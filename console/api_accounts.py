@@ -104,6 +104,8 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
     @app.post("/api/tokens/revoke")
     def revoke_token(visitor: Visitor, body: TokenBody) -> Response:
         devices.revoke_token(body.name, visitor.user_name)
+        for device_id in devices.ids_of(" ".join(body.name.split())):
+            services.alerts.forget(device_id)
         services.hub.close_named(body.name)
         return json_response({"ok": True})
 

@@ -8,12 +8,14 @@ from fastapi import FastAPI, Query, Response
 from fastapi.responses import StreamingResponse
 
 from console.alerts.alert_store import AlertRecord, AlertStep
-from console.alerts.incident_bundle import bundle, frames
+from console.alerts.incident_bundle import bundle
 from console.alerts.incidents import Cause
 from console.alerts.rules import RULES
-from console.bodies import AcknowledgeBody, ShelveBody
+from console.bodies import AcknowledgeBody, EndWatchBody, ShelveBody
+from console.incident_timeline import IncidentTimeline
 from console.requests import Visitor, json_response
 from console.services import Services
+from console.timeline_view import At, From, Step, To, instants_view, whole_view
 
 MOST_SHOWN_COUNT = 500
 Count = Annotated[int, Query(ge=1, le=MOST_SHOWN_COUNT)]
@@ -26,12 +28,21 @@ def add_routes(app: FastAPI, services: Services) -> None:
     _add_incident_routes(app, services)
 
 
+def noted_timeline(services: Services, who: str, incident_id: str) -> IncidentTimeline:
+    """Return an incident as a timeline, and write down who looks at it. Raises NotFoundError."""
+    timeline = services.incident_timelines.named(incident_id)
+    incident = timeline.incident
+    services.access.note(who, "incident", incident.device_id, incident_id, incident.began_at_s)
+    return timeline
+
+
 def _add_alert_routes(app: FastAPI, services: Services) -> None:
     alerts = services.alerts
 
     @app.get("/api/alerts")
-    def all_alerts(device: DeviceId = None, count: Count = 100) -> Response:
+    def all_alerts(visitor: Visitor, device: DeviceId = None, count: Count = 100) -> Response:
         """What is not done with, and what was raised last, newest first."""
+        services.access.note(visitor.user_name, "incident", device or "", "earlier alerts")
         recent = services.alert_store.recent(device, count)
         steps: dict[str, list[AlertStep]] = {}
         for each in services.alert_store.steps(record.alert_id for record in recent):
@@ -59,25 +70,49 @@ def _add_alert_routes(app: FastAPI, services: Services) -> None:
         alerts.unshelve(alert_id, visitor.user_name)
         return json_response({"active": alerts.views()})
 
+    @app.post("/api/devices/{device_id}/end_watch")
+    def end_watch(visitor: Visitor, device_id: str, body: EndWatchBody) -> Response:
+        """Miss a device no more that led somebody and has gone."""
+        alerts.end_watch(device_id, visitor.user_name, body.why.strip())
+        return json_response({"active": alerts.views()})
+
 
 def _add_incident_routes(app: FastAPI, services: Services) -> None:
     incidents = services.incidents
 
     @app.get("/api/incidents")
-    def all_incidents(device: DeviceId = None) -> Response:
+    def all_incidents(visitor: Visitor, device: DeviceId = None) -> Response:
+        services.access.note(visitor.user_name, "incident", device or "", "the list of incidents")
         found = [each for each in incidents.all() if device is None or each.device_id == device]
         return json_response({"incidents": found})
 
     @app.get("/api/incidents/{incident_id}")
-    def incident_frames(
-        visitor: Visitor, incident_id: str, every_s: Annotated[float, Query(ge=0.0, le=60.0)] = 0.2
-    ) -> Response:
-        """The incident, and what the panel would have shown: one frame at least ``every_s`` after another."""
-        incident = incidents.named(incident_id)
-        services.access.note(visitor.user_name, "incident", incident.device_id, incident_id, incident.began_at_s)
+    def one(visitor: Visitor, incident_id: str) -> Response:
+        """All that the player of past walks shows of it."""
+        timeline = noted_timeline(services, visitor.user_name, incident_id)
+        incident = timeline.incident
+        summary = {
+            "device": incident.device_name, "began_at_s": timeline.began_at_s,
+            "length_s": timeline.ended_s - timeline.began_s, "has_pictures": timeline.has_pictures, "figures": None,
+        }  # fmt: skip
         return json_response(
-            {"incident": incident, "frames": frames(incident, incidents.messages(incident_id), every_s)}
+            whole_view(timeline, timeline.marks()) | {"summary": summary, "incident": incident, "compared": None}
         )
+
+    @app.get("/api/incidents/{incident_id}/instants")
+    def instants(visitor: Visitor, incident_id: str, begin_s: From, end_s: To, step_s: Step = 0.1) -> Response:
+        return json_response(
+            {
+                "instants": instants_view(
+                    noted_timeline(services, visitor.user_name, incident_id), begin_s, end_s, step_s
+                )
+            }
+        )
+
+    @app.get("/api/incidents/{incident_id}/depth.jpg")
+    def depth(visitor: Visitor, incident_id: str, at: At) -> Response:
+        timeline = noted_timeline(services, visitor.user_name, incident_id)
+        return Response(timeline.depth_jpeg(timeline.began_s + at), media_type="image/jpeg")
 
     @app.get("/api/incidents/{incident_id}/bundle.zip")
     def download(visitor: Visitor, incident_id: str) -> Response:
@@ -93,6 +128,7 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
     def delete(visitor: Visitor, incident_id: str) -> Response:
         incident = incidents.named(incident_id)
         incidents.delete(incident_id)
+        services.incident_timelines.forget_deleted()
         services.store.audit(visitor.user_name, "incident_delete", f"{incident.device_name} {incident_id}")
         return json_response({})
 

@@ -54,12 +54,12 @@ def _add_changing_routes(app: FastAPI, services: Services) -> None:
 
     @app.patch("/api/devices/{device_id}/settings")
     def change_settings(visitor: Visitor, device_id: str, body: SettingsBody) -> Response:
-        command = tuning.change(device_id, body.changes, visitor.user_name, _consent(body))
+        command = tuning.change(device_id, body.changes, visitor.user_name, _consent(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
     @app.post("/api/devices/{device_id}/settings/back")
     def back(visitor: Visitor, device_id: str, body: BackToBody) -> Response:
-        command = tuning.back_to(device_id, body.revision, visitor.user_name, _consent(body))
+        command = tuning.back_to(device_id, body.revision, visitor.user_name, _consent(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
     @app.post("/api/devices/{device_id}/settings/keep")
@@ -83,7 +83,7 @@ def _add_preset_routes(app: FastAPI, services: Services) -> None:
 
     @app.post("/api/settings/presets")
     def save(visitor: Visitor, body: SavePresetBody) -> Response:
-        values = body.values or services.tuning.running_values(services.hub.device(body.device_id))
+        values = body.values or services.tuning.told_values(body.device_id)
         return json_response({"preset": _preset_view(presets.save(body.name, values, visitor.user_name))}, 201)
 
     @app.post("/api/settings/presets/import")

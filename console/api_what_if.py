@@ -7,7 +7,7 @@ from typing import Any
 
 from fastapi import FastAPI, Response
 
-from console.api_walks import note_access
+from console.api_walks import note_access, note_list
 from console.bodies import WhatIfBody
 from console.past_walks import PastWalk
 from console.requests import Visitor, json_response
@@ -20,7 +20,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
     what_ifs = services.what_ifs
 
     @app.get("/api/what-if/walks")
-    def walks() -> Response:
+    def walks(visitor: Visitor) -> Response:
+        note_list(services, visitor.user_name)
         return json_response({"walks": [_walk_view(walk) for walk in services.walks.all()]})
 
     @app.post("/api/what-if")
@@ -29,7 +30,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response(_run_view(what_ifs.start(body.walk_id, body.changes, body.last_s)), 202)
 
     @app.get("/api/what-if/{run_id}")
-    def look(run_id: str) -> Response:
+    def look(visitor: Visitor, run_id: str) -> Response:
+        note_access(services, visitor.user_name, what_ifs.walk_of(run_id))
         return json_response(_run_view(what_ifs.run(run_id)))
 
     @app.delete("/api/what-if/{run_id}")

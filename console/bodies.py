@@ -58,6 +58,12 @@ class ShelveBody(_Body):
     reason: Annotated[str, Field(min_length=1, max_length=300)]
 
 
+class EndWatchBody(_Body):
+    """Why a device that led somebody, and has gone, is missed no more."""
+
+    why: Annotated[str, Field(min_length=1, max_length=300)]
+
+
 class ViewBody(_Body):
     """What the page asks of the scene inside it: a place or a point of the floor to fly to, a device to show, or
     where the camera is to go.
@@ -71,6 +77,16 @@ class ViewBody(_Body):
     id: Annotated[str, Field(max_length=64)] = ""
     follow: Annotated[str, Field(max_length=120)] | None = None
     camera: Literal["walker", "overview"] | None = None
+
+
+class PastViewBody(_Body):
+    """An instant of a past walk, or of an incident, for the scene."""
+
+    walk: Annotated[str, Field(max_length=120)] = ""
+    incident: Annotated[str, Field(max_length=64)] = ""
+    at_s: Annotated[float, Field(ge=0.0, le=1e6)]
+    clock: Annotated[str, Field(pattern=r"^[0-9]{2}:[0-9]{2}:[0-9]{2}$")]
+    """The time of day of then, where the person is."""
 
 
 class PresenceBody(_Body):
@@ -157,6 +173,8 @@ class _ConsentBody(_Body):
     """Why that is changed though somebody is being led."""
     trial_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)] = TRIAL_S
     """How long it is tried out."""
+    seen_revision: Annotated[int, Field(ge=0)] | None = None
+    """What the device ran when somebody decided; refused where another one runs by now."""
 
 
 class SettingsBody(_ConsentBody):

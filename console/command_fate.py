@@ -14,6 +14,7 @@ from navcore.wire import (
     SettingsRunning,
     SharingRunning,
     WalkerState,
+    tells_expired,
 )
 
 _OPPOSITES = {
@@ -27,6 +28,8 @@ def judge(command: Command, message: DeviceMessage) -> Command:
     """Return the command as it stands after a message of its device."""
     if command.state != "sent":
         return command
+    if isinstance(message, Event) and tells_expired(message, command.id):
+        return replace(command, state="refused", refusal="It came too late: the device does not carry it out.")
     if isinstance(message, SettingsRunning):
         return _judge_settings(command, message)
     if isinstance(message, MapWalkRunning):
@@ -45,7 +48,7 @@ def superseded(command: Command, by: Command) -> Command:
     """Return a command that still waits, given a later one of the same matter: it will not be answered any more."""
     if (
         command.state == "sent"
-        and command.kind not in ("say", "repeat", "ask_colour")
+        and command.kind not in ("say", "repeat", "ask_colour", "apply_settings")
         and by.kind in (command.kind, _OPPOSITES.get(command.kind))
     ):
         return replace(command, state="unanswered")

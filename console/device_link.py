@@ -25,7 +25,6 @@ from navcore.wire import (
     MESSAGES,
     PING_EVERY_S,
     PROTOCOL_VERSION,
-    ApplySettings,
     DeviceMessage,
     Event,
     EventConfirmed,
@@ -113,9 +112,9 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
 async def _bring_up_to_date(services: Services, hello: Hello, outlet: SocketOutlet) -> None:
     """Offer what the device does not run yet: settings, map, and then (on the same map) the graph; tell who looked."""
     outlet.send(await run_in_threadpool(services.access.told_to, hello.device_id))
-    wanted = await run_in_threadpool(services.settings.wanted_revision, hello.device_id)
-    if wanted is not None and wanted.revision > hello.settings_revision:
-        outlet.send(ApplySettings(wanted.revision, dict(wanted.values)))
+    order = await run_in_threadpool(services.settings.order_at_joining, hello.device_id, hello.settings_revision)
+    if order is not None:
+        outlet.send(order)
     if hello.map_checksum != services.package.checksum:
         await _offer_map(services, outlet)
     else:

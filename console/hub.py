@@ -10,17 +10,19 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
+
+import msgspec
 
 from console.clock_offset import ClockOffset
 from console.command_fate import judge, superseded
 from console.errors import ConflictError, NotFoundError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
 from navcore.planning.poi_graph import PoiGraph
-from navcore.settings import SettingValue
 from navcore.wire import (
+    ORDER_HOLDS_S,
     ApplySettings,
     AskColour,
     BeginMapWalk,
@@ -37,6 +39,7 @@ from navcore.wire import (
     MapRunning,
     MapWalkRunning,
     MapWalkSeen,
+    Order,
     Pause,
     Pong,
     PublishGraph,
@@ -82,6 +85,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
+        self._ahead: set[str] = set()
+        """Devices whose stamps are ahead of their clock as it was compared; the log tells of it once."""
         self._listeners: list[Listener] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
@@ -224,6 +229,14 @@ class DeviceHub:
                 raise NotFoundError("There is no picture that you may see: ask the walker first.")
             return image
 
+    def forget_colours(self) -> None:
+        """Forget the colour pictures that nobody may see any more, also where the device says nothing of it."""
+        with self._lock:
+            now_s = self.now_s()
+            for device_id in [key for key in self._colours if self._devices[key].colour_left_s(now_s) <= 0.0]:
+                del self._colours[device_id]
+                self._put(replace(self._devices[device_id], colour_stamp_s=None))
+
     def keep_events(self, device_id: str, stored: tuple[Event, ...]) -> None:
         """Forget the events of a device that are no longer among the latest ``stored`` ones, nor newer."""
         kept = {event.sequence for event in stored}
@@ -236,7 +249,7 @@ class DeviceHub:
     # ----------------------------------------------------------------------------------------------- commands
     def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
         """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
-        return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id))
+        return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id, who[:120]))
 
     def clear(self, device_id: str, who: str) -> Command:
         """Stop leading."""
@@ -271,18 +284,9 @@ class DeviceHub:
         request_id = int(self._wall_s() * 1000)
         return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
 
-    def apply_settings(
-        self,
-        device_id: str,
-        revision: int,
-        values: Mapping[str, SettingValue],
-        who: str,
-        revert_after_s: float = 0.0,
-        override_reason: str = "",
-    ) -> Command:
-        """Have the device run these settings, all or none; for so long unless they are kept, where that is not 0."""
-        order = ApplySettings(revision, dict(values), revert_after_s, override_reason)
-        return self._command(device_id, "apply_settings", str(revision), who, order)
+    def apply_settings(self, device_id: str, order: ApplySettings, who: str) -> Command:
+        """Have the device change its settings."""
+        return self._command(device_id, "apply_settings", str(order.revision), who, order)
 
     def keep_settings(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
         """Have the device keep the settings that it tries out, or give them up."""
@@ -295,6 +299,9 @@ class DeviceHub:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
+            if isinstance(message, Order):
+                expires_s = _expires_s(device, now_s)
+                message = msgspec.structs.replace(message, order_id=command.id, expires_s=expires_s)
             kept = device.commands[-COMMANDS_KEPT_COUNT + 1 :]
             earlier = tuple(_dated(old, superseded(old, command), now_s) for old in kept)
             self._put(replace(device, commands=(*earlier, command)))
@@ -313,9 +320,10 @@ class DeviceHub:
     def _updated(self, device: LiveDevice, message: DeviceMessage, now_s: float) -> LiveDevice:
         match message:
             case WalkerState():
+                self._look_at_stamp(device, message.stamp_s, now_s)
                 return replace(device, state=message, state_arrival_s=now_s)
             case DepthImage():
-                return replace(device, depth_image=message)
+                return replace(device, depth_image=message, depth_arrival_s=now_s)
             case ColourImage():
                 return self._with_colour(device, message, now_s)
             case RouteChanged():
@@ -337,6 +345,18 @@ class DeviceHub:
                 return replace(device, hello=message)
             case SettingsRunning() | GraphRunning() | MapRunning() | MapWalkRunning():
                 return _runs(device, message)
+
+    def _look_at_stamp(self, device: LiveDevice, stamp_s: float, now_s: float) -> None:
+        """Note in the log, once, that a device's clock is ahead of what was compared: its ages are counted from
+        arrival."""
+        ahead_s = stamp_s - device.clock_offset_s - now_s
+        is_ahead = device.clock_uncertainty_s is not None and ahead_s > device.clock_uncertainty_s
+        if is_ahead and device.device_id not in self._ahead:
+            _log.warning(
+                "%s stamps what it sends %.1f s ahead of its clock as it was compared: see whether its clock was set."
+                " Ages are counted from arrival until it is right.", device.name, ahead_s,
+            )  # fmt: skip
+        (self._ahead.add if is_ahead else self._ahead.discard)(device.device_id)
 
     def _with_colour(self, device: LiveDevice, image: ColourImage, now_s: float) -> LiveDevice:
         if device.colour_left_s(now_s) <= 0.0:
@@ -372,6 +392,13 @@ def _runs(device: LiveDevice, message: SettingsRunning | GraphRunning | MapRunni
             # What another walk has seen is nothing of this one.
             seen = device.map_walk if is_running == device.map_walk_running or not is_running else None
             return replace(device, map_walk_running=is_running, map_walk_refusal=refusal, map_walk=seen)
+
+
+def _expires_s(device: LiveDevice, now_s: float) -> float | None:
+    """Return until when a device may carry out what is asked now, on its clock; never too early for clocks compared."""
+    if device.clock_uncertainty_s is None:
+        return None
+    return now_s + device.clock_offset_s + device.clock_uncertainty_s + ORDER_HOLDS_S
 
 
 def _dated(before: Command, after: Command, now_s: float) -> Command:

@@ -6,7 +6,6 @@ import enum
 from dataclasses import dataclass, field
 from typing import Literal
 
-from navcore.modes import ON_THE_WAY, Mode
 from navcore.settings import SettingValue
 from navcore.wire import DepthImage, Event, Hello, MapWalkSeen, RouteChanged, SharingRunning, WalkerState
 
@@ -92,6 +91,8 @@ class LiveDevice:
     """Monotonic time of arrival (console clock)."""
     route: RouteChanged | None = None
     depth_image: DepthImage | None = None
+    depth_arrival_s: float | None = None
+    """Monotonic time of arrival (console clock)."""
     events: tuple[Event, ...] = ()
     """The latest, oldest first."""
     settings: dict[str, SettingValue] | None = None
@@ -121,7 +122,26 @@ class LiveDevice:
 
     def age_s(self, now_s: float) -> float | None:
         """Seconds since the frame behind ``state`` was captured; ``now_s`` is the console's monotonic clock."""
-        return None if self.state is None else self.age_of(self.state.stamp_s, now_s)
+        captured_s = self.captured_s
+        return None if captured_s is None else max(0.0, now_s - captured_s)
+
+    @property
+    def captured_s(self) -> float | None:
+        """When the frame behind ``state`` was captured, on the console's clock; None before the first state.
+
+        Never later than it arrived: a stamp ahead (a clock that was set, or compared badly) would look live for as long
+        as it is ahead.
+        """
+        return None if self.state is None else self._told_s(self.state.stamp_s, self.state_arrival_s)
+
+    def depth_age_s(self, now_s: float) -> float | None:
+        """Seconds since the depth picture was captured, and no less than since it arrived; None without one."""
+        image = self.depth_image
+        return None if image is None else max(0.0, now_s - self._told_s(image.stamp_s, self.depth_arrival_s))
+
+    def _told_s(self, stamp_s: float, arrival_s: float | None) -> float:
+        on_our_clock_s = stamp_s - self.clock_offset_s
+        return on_our_clock_s if arrival_s is None else min(on_our_clock_s, arrival_s)
 
     def longest_age_s(self, now_s: float) -> float | None:
         """The most that :meth:`age_s` may be in truth, as well as the clocks have been compared."""
@@ -135,11 +155,8 @@ class LiveDevice:
 
     @property
     def leads_somebody(self) -> bool:
-        """As far as the device has told, somebody is being led and not paused; in a fault, wherever there is a goal."""
-        state = self.state
-        if state is None:
-            return False
-        return state.mode in ON_THE_WAY or (state.mode is Mode.FAULT and state.destination_id is not None)
+        """As far as the device has told, somebody is being led, though they may stand just now."""
+        return self.state is not None and self.state.leads_somebody
 
     def age_of(self, stamp_s: float, now_s: float) -> float:
         """Seconds since a time on the device's clock; never negative."""

@@ -29,6 +29,19 @@ _OF_THE_DEVICE = ("apply_settings", "keep_settings", "give_up_settings", "begin_
 
 def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
     """Return one device with its alerts (as of ``Alerts.views``); ``now_s`` is the console's monotonic clock."""
+    return changing_view(device, now_s) | {
+        "route": route_view(device, now_s),
+        "events": events_view(device, now_s),
+        "commands": commands_view(device, now_s),
+        "alerts": alerts,
+    }
+
+
+def changing_view(device: LiveDevice, now_s: float, *, is_watched: bool = True) -> dict[str, Any]:
+    """Return what may change with each message of a device, and what is small.
+
+    Who does not watch it is told that it is there, and nothing of its walker.
+    """
     return {
         "id": device.device_id,
         "name": device.name,
@@ -39,18 +52,12 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,
         "age_uncertainty_s": device.clock_uncertainty_s,
         "mode": None if device.state is None else device.state.mode,
-        "state": _state_view(device, now_s),
-        "route": _route_view(device, now_s),
+        "state": _state_view(device, now_s) if is_watched else None,
         "off_road_m": (device.settings or {}).get(OFF_ROAD_SETTING),
-        "depth_stamp_s": device.depth_image.stamp_s if device.depth_image else None,
-        "depth_age_s": device.age_of(device.depth_image.stamp_s, now_s) if device.depth_image else None,
-        "events": [
-            {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
-            for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
-        ],
+        "depth_stamp_s": device.depth_image.stamp_s if device.depth_image and is_watched else None,
+        "depth_age_s": device.depth_age_s(now_s) if is_watched else None,
         "watchers": _watchers_view(device),
         "sharing": _sharing_view(device, now_s),
-        "commands": [_command_view(command, now_s) for command in device.commands[-COMMANDS_SHOWN_COUNT:]],
         "settings_revision": device.settings_revision,
         "settings_trial_left_s": device.trial_left_s(now_s),
         "leads_somebody": device.leads_somebody,
@@ -64,16 +71,26 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
             "refusal": device.map_walk_refusal,
             "seen": _map_walk_view(device, now_s),
         },
-        "alerts": alerts,
     }
 
 
-def unwatched_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any]] = ()) -> dict[str, Any]:
-    """Return what is shown of a device to who does not watch it: that it is there, and its alerts."""
-    view = device_view(device, now_s, alerts)
+def events_view(device: LiveDevice, now_s: float) -> list[dict[str, Any]]:
+    """Return the latest events, the newest first."""
+    return [
+        {"sequence": e.sequence, "kind": e.kind, "text": e.text, "age_s": device.age_of(e.stamp_s, now_s)}
+        for e in device.events[: -EVENTS_SHOWN_COUNT - 1 : -1]
+    ]
+
+
+def commands_view(device: LiveDevice, now_s: float) -> list[dict[str, Any]]:
+    """Return what was asked of a device last, the oldest first."""
+    return [_command_view(command, now_s) for command in device.commands[-COMMANDS_SHOWN_COUNT:]]
+
+
+def own_commands_view(device: LiveDevice, now_s: float) -> list[dict[str, Any]]:
+    """Return of these what tells nothing of its walker."""
     commands = [_command_view(each, now_s) for each in device.commands if each.kind in _OF_THE_DEVICE]
-    hidden: dict[str, Any] = {"state": None, "route": None, "depth_stamp_s": None, "depth_age_s": None, "events": []}
-    return view | hidden | {"commands": commands[-COMMANDS_SHOWN_COUNT:]}
+    return commands[-COMMANDS_SHOWN_COUNT:]
 
 
 def _watchers_view(device: LiveDevice) -> list[dict[str, Any]]:
@@ -139,7 +156,8 @@ def _command_view(command: Command, now_s: float) -> dict[str, Any]:
     return view | {"age_s": now_s - command.asked_s}
 
 
-def _route_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+def route_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
+    """Return the way that the walker is led; None where none was told."""
     route = device.route
     if route is None:
         return None

@@ -1,8 +1,9 @@
-"""``/live``: what happens, streamed to the pages at no more than 10 Hz, and at least once a second.
+"""``/live``: what happens, streamed to the pages at no more than 30 Hz, and at least once a second.
 
-Each message is the whole picture of that instant, so a slow browser skips what is old instead of falling behind. A page
-that shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is
-for many at once.
+Each message is the picture of that instant, so a slow browser skips what is old instead of falling behind; what seldom
+changes (:mod:`console.live_pictures`, the roster) is in it only where the page has not been told it yet. A page that
+shows one device is told of the others only who they are; ``/live/overview`` (:mod:`console.overview_socket`) is for
+many at once.
 
 A page opens it with ``says=1``, and says every few seconds which devices it shows while somebody can see it
 (:class:`console.page_stream.Watches`). Of these it is sent everything, and the walkers are told; of the others only
@@ -22,13 +23,18 @@ from console.alerts.lifecycle import Phase
 from console.api_versions import presence_view
 from console.hub import DeviceHub
 from console.live import DELAYED_AFTER_S, LOST_AFTER_S, STALE_AFTER_S, LiveDevice
-from console.live_panel import device_view, unwatched_view
+from console.live_pictures import LivePictures, Picture, Told
 from console.page_stream import serve, set_from_any_thread
 from console.requests import signed_in
 from console.services import Services
 from console.watching import Window
+from navcore.wire_pace import Pace
 
-SHORTEST_S = 0.1
+RATE_HZ = 30.0
+"""At most, for a page of one device. That tells its state at 20 Hz: at no more than that, what has once waited for its
+turn would make all that follows wait as long.
+"""
+RATE_OF_MANY_HZ = 10.0
 LONGEST_S = 1.0
 LIMITS = {"delayed": DELAYED_AFTER_S, "stale": STALE_AFTER_S, "lost": LOST_AFTER_S}
 Scope = Literal["all", "one", "none"]
@@ -36,6 +42,7 @@ Scope = Literal["all", "one", "none"]
 
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the route."""
+    pictures = LivePictures(services.alerts)
 
     @app.websocket("/live")
     async def live(
@@ -53,7 +60,9 @@ def add_routes(app: FastAPI, services: Services) -> None:
                 if window.shows(device_ids):
                     changed.set()
 
-            await serve(socket, services, lambda: _stream(socket, services, who, shown, window, changed), watches)
+            await serve(
+                socket, services, lambda: _stream(socket, services, pictures, who, shown, window, changed), watches
+            )
 
 
 class Shown:
@@ -68,6 +77,11 @@ class Shown:
         self._scope = scope
         self._device_id = device_id
         self._told: list[dict[str, Any]] | None = None
+
+    @property
+    def rate_hz(self) -> float:
+        """How often the page is told something, at most."""
+        return RATE_HZ if self._scope == "one" else RATE_OF_MANY_HZ
 
     def concerns(self, device: LiveDevice) -> bool:
         """Say whether what a device tells is shown."""
@@ -102,18 +116,15 @@ class Shown:
         return {"roster": roster}
 
 
-def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...], window: Window) -> dict[str, Any]:
-    """Return everything that the panel shows to ``who`` of these devices at this instant."""
+def panel_view(services: Services, who: str, window: Window, pictures: list[Picture]) -> dict[str, Any]:
+    """Return what the panel shows to ``who``: the devices, and what concerns them all.
 
-    def view(device: LiveDevice) -> dict[str, Any]:
-        alerts = services.alerts.views(device.device_id)
-        shown = device_view if window.sees(device.device_id) else unwatched_view
-        return shown(device, now_s, alerts)
-
-    now_s, model = services.hub.now_s(), services.model
+    ``now_s`` is the time of the oldest picture: no age is told to be less than it is.
+    """
+    model = services.model
     standing = services.alerts.active()
     return {
-        "now_s": now_s,
+        "now_s": min((each.made_s for each in pictures), default=services.hub.now_s()),
         "draft_version": model.graph.version,
         "published_version": model.published.version,
         "people": [presence_view(window) | {"you": window.user_name == who} for window in services.presence.windows()],
@@ -121,7 +132,7 @@ def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...], wi
         "can_redo": model.can_redo(who),
         "map_checksum": services.package.checksum,
         "limits": LIMITS,
-        "devices": [view(device) for device in devices],
+        "devices": [each.changing for each in pictures],
         "alerts": {
             "total": len(standing),
             "unacknowledged": sum(each.phase in (Phase.UNACKNOWLEDGED, Phase.RETURNED) for each in standing),
@@ -130,9 +141,15 @@ def panel_view(services: Services, who: str, devices: tuple[LiveDevice, ...], wi
 
 
 async def _stream(
-    socket: WebSocket, services: Services, who: str, shown: Shown, window: Window, changed: asyncio.Event
+    socket: WebSocket,
+    services: Services,
+    pictures: LivePictures,
+    who: str,
+    shown: Shown,
+    window: Window,
+    changed: asyncio.Event,
 ) -> None:
-    loop = asyncio.get_running_loop()
+    loop, told, pace = asyncio.get_running_loop(), Told(), Pace(shown.rate_hz)
 
     def wake(_: object = None) -> None:
         set_from_any_thread(loop, changed)
@@ -145,12 +162,15 @@ async def _stream(
     ]
     try:
         while True:
+            await asyncio.sleep(pace.wait_s(loop.time()))
+            pace.went(loop.time())
             changed.clear()
-            picture = panel_view(services, who, shown.devices(), window) | shown.roster_news()
+            now_s = services.hub.now_s()
+            seen = [pictures.of(each, now_s, is_watched=window.sees(each.device_id)) for each in shown.devices()]
+            picture = panel_view(services, who, window, seen) | shown.roster_news() | told.news(seen)
             await socket.send_text(msgspec.json.encode(picture).decode())
-            await asyncio.sleep(SHORTEST_S)
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), LONGEST_S - SHORTEST_S)
+                await asyncio.wait_for(changed.wait(), LONGEST_S)
     finally:
         for end in ends:
             end()

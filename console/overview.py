@@ -18,7 +18,7 @@ Row = Mapping[str, Any]
 """Every row has the same fields: what is not known any more is told as None."""
 _OF_THE_STATE = (
     "mode", "mode_label", "mode_sentence", "action", "reason", "quality", "direction_rad", "place", "destination",
-    "remaining_m", "battery_percent",
+    "remaining_m", "battery_percent", "leads_somebody",
 )  # fmt: skip
 
 
@@ -31,7 +31,7 @@ def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords, *, is_
     return {
         "name": device.name,
         "connected": device.connected,
-        "captured_s": round(state.stamp_s - device.clock_offset_s, 3) if state is not None else None,
+        "captured_s": _rounded(device.captured_s if state is not None else None, 3),
         "uncertainty_s": _rounded(device.clock_uncertainty_s, 4),
         "link_delay_s": _rounded(device.round_trip_s / 2 if device.round_trip_s is not None else None, 3),
         **(_state_row(state, graph, places) if state is not None else dict.fromkeys(_OF_THE_STATE)),
@@ -52,6 +52,7 @@ def _state_row(state: WalkerState, graph: PoiGraph, places: PlaceWords) -> Row:
         "destination": destination.name if destination is not None else state.destination_id,
         "remaining_m": _rounded(state.remaining_m, 0),
         "battery_percent": _rounded(state.battery_percent, 0),
+        "leads_somebody": state.leads_somebody,
     }
 
 

@@ -56,9 +56,12 @@ async def _stream(socket: WebSocket, services: Services, window: Window) -> None
 
 
 def messages(told: Mapping[str, Row], rows: Mapping[str, Row]) -> Iterator[dict[str, Any]]:
-    """Yield what tells the differences, at least one: a page that hears nothing cannot know that nothing changes."""
+    """Yield what tells the differences, at least one: a page that hears nothing cannot know that nothing changes.
+
+    ``anew`` says that all rows are told, in this message and those that follow: what the page had is of before.
+    """
     changed, gone = differences(told, rows)
     items = iter(changed.items())
-    yield {"rows": dict(islice(items, ROWS_AT_ONCE_COUNT)), "gone": gone, "count": len(rows)}
+    yield {"rows": dict(islice(items, ROWS_AT_ONCE_COUNT)), "gone": gone, "count": len(rows), "anew": not told}
     while batch := dict(islice(items, ROWS_AT_ONCE_COUNT)):
-        yield {"rows": batch, "gone": [], "count": len(rows)}
+        yield {"rows": batch, "gone": [], "count": len(rows), "anew": False}

@@ -37,6 +37,16 @@ def pages_for(role: Role) -> list[str]:
     return [path for path in PAGES if RULES["GET", path].who == "people" and RULES["GET", path].permits(role)]
 
 
+def is_page(path: str) -> bool:
+    """Say whether a path is that of a page."""
+    return path in PAGES
+
+
+def refused_page() -> Response:
+    """Return the page that stands where one is that the visitor's role does not open."""
+    return FileResponse(static_folder() / "refused.html", status_code=403, media_type="text/html; charset=utf-8")
+
+
 def static_folder() -> Path:
     """Return where the pages lie: in the checkout, or installed beside the packages."""
     return Path(__file__).resolve().parent.parent / "static"

@@ -241,7 +241,8 @@ class Recordings:
         """Delete the walks that were offered before a Unix time, what came of them in part, and all that is kept about
         them; return how many. Map walks stay: maps are built of them.
 
-        Raises UndeletedError where some could not be deleted.
+        What nobody describes, for its description is damaged, goes when it was written before then, unless it is the
+        recording of a map walk. Raises UndeletedError where some could not be deleted.
         """
         deleted, troubles = 0, list[str]()
         for stored in self.all():
@@ -255,9 +256,32 @@ class Recordings:
                     troubles.append(f"{stored.file} ({error.strerror})")
                 else:
                     deleted += 1
+        for path in self._undescribed_before(wall_s):
+            try:
+                path.unlink(missing_ok=True)
+            except OSError as error:
+                troubles.append(f"{path} ({error.strerror})")
+            else:
+                # Of a walk there are several files; what is counted is the walk itself, as far as it was here.
+                deleted += path.suffix in (_SUFFIXES["walk"], ".part")
         if troubles:
             raise UndeletedError(f"delete by hand, or see who may write there: {', '.join(troubles)}.", deleted)
         return deleted
+
+    def _undescribed_before(self, wall_s: float) -> list[Path]:
+        """Return the files that belong to no recording that is known, and were last written before a Unix time."""
+        found: dict[str, list[Path]] = {}
+        for path in self.folder.iterdir() if self.folder.is_dir() else ():
+            if (name := re.search(r"(?:^|-)([0-9a-f]{64})\.[a-z]+$", path.name)) is not None:
+                found.setdefault(name[1], []).append(path)
+        return [
+            path
+            for sha256, paths in found.items()
+            if _read_entry(self._description(sha256)) is None
+            and not any(path.suffix == _SUFFIXES["recording"] for path in paths)
+            and max(map(_written_at_s, paths)) < wall_s
+            for path in paths
+        ]
 
     def _delete(self, stored: StoredRecording) -> None:
         """Delete a recording, its description last, so that what could not be deleted is found again."""
@@ -306,6 +330,13 @@ def _size_of(path: Path) -> int:
         return path.stat().st_size
     except FileNotFoundError:
         return 0
+
+
+def _written_at_s(path: Path) -> float:
+    try:
+        return path.stat().st_mtime
+    except FileNotFoundError:
+        return 0.0
 
 
 def _checked_sha256(path: Path) -> str:

@@ -13,8 +13,6 @@ import threading
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from console.errors import BadRequestError
 from console.store import Store
 from console.tables import KeptValueRow
@@ -96,11 +94,22 @@ class Retention:
                 except UndeletedError as error:
                     deleted[kind] = error.deleted
                     problems.append(f"{kind}: {error}")
-                except (OSError, VbrError, SQLAlchemyError) as error:
-                    problems.append(f"{kind}: {error}")
-            if any(deleted.values()) and not self._store.forget_deleted():
-                problems.append("The database is being read: traces of what was deleted are wiped at the next run.")
+                except Exception as error:
+                    # Whatever is wrong with one kind, the others go.
+                    _log.exception("%s could not be deleted", kind)
+                    problems.append(f"{kind}: {error or type(error).__name__}")
+            problems += self._wipe()
             for problem in problems:
                 _log.warning("Not deleted: %s", problem)
             self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))
             return self.last_run
+
+    def _wipe(self) -> list[str]:
+        """Wipe the traces of what was deleted, at each run: an earlier one may have been hindered, or cut off."""
+        try:
+            if self._store.forget_deleted():
+                return []
+        except Exception as error:
+            _log.exception("the database's log could not be emptied")
+            return [f"Traces of what was deleted are wiped at the next run: {error or type(error).__name__}."]
+        return ["The database is being read: traces of what was deleted are wiped at the next run."]

@@ -82,6 +82,8 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/redo"): EDITORS,
     ("POST", "/api/publish"): EDITORS,
     ("POST", "/api/view"): EVERYBODY,
+    ("POST", "/api/view/past"): EVERYBODY,
+    ("DELETE", "/api/view/past"): EVERYBODY,
     ("GET", "/api/shortcuts"): EVERYBODY,
     # Export and import.
     ("GET", "/api/export/{what}"): MAPPERS,
@@ -123,9 +125,12 @@ RULES: Mapping[tuple[str, str], Rule] = {
     ("POST", "/api/alerts/{alert_id}/unshelve"): EVERYBODY,
     ("GET", "/api/incidents"): EVERYBODY,
     ("GET", "/api/incidents/{incident_id}"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}/instants"): EVERYBODY,
+    ("GET", "/api/incidents/{incident_id}/depth.jpg"): EVERYBODY,
     ("GET", "/api/incidents/{incident_id}/bundle.zip"): EVERYBODY,
     ("DELETE", "/api/incidents/{incident_id}"): ADMINS,
     ("POST", "/api/devices/{device_id}/keep"): EVERYBODY,
+    ("POST", "/api/devices/{device_id}/end_watch"): EDITORS,
     # Past walks of devices.
     ("GET", "/api/walks"): EVERYBODY,
     ("GET", "/api/walks/{walk_id}"): EVERYBODY,

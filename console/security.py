@@ -22,6 +22,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
 from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError
+from console.pages import is_page, refused_page
 from console.roles import SignedIn
 from console.rules import MAX_BODY_BYTES, RULES, Rule
 from console.services import Services
@@ -188,6 +189,8 @@ def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
     wants_page = connection.scope["method"] == "GET" and not path.startswith("/api/")
     if wants_page and error.status == 401:
         return RedirectResponse(f"/signin?next={quote(path)}", status_code=303)
+    if wants_page and error.status == 403 and is_page(path) and visitor_of(connection) is not None:
+        return refused_page()
     return error_response(error)
 
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 from console.access import AccessLog
 from console.accounts import Accounts
@@ -14,6 +16,7 @@ from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.exports import Exports
 from console.hub import DeviceHub
+from console.incident_timeline import IncidentTimelines
 from console.live import EVENTS_KEPT_COUNT, Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
@@ -89,6 +92,8 @@ class Services:
     """Earlier alerts."""
     incidents: Incidents
     """What was heard of devices around alerts."""
+    incident_timelines: IncidentTimelines
+    """The same, to be played."""
     access: AccessLog
     """Who has watched, and who has looked at what is kept: ``note`` is called wherever that is shown."""
     watching: Watching
@@ -119,15 +124,13 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         if command.kind == "ask_colour":
             access.note(command.who, "colour", device_id)
 
+    def look_who_watches() -> None:
+        hub.forget_colours()
+        watching.look()
+
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
-
-    def delete_events_before(wall_s: float) -> int:
-        count = devices.delete_before(wall_s)
-        for device in hub.devices() if count else ():
-            hub.keep_events(device.device_id, devices.latest_events(device.device_id, EVENTS_KEPT_COUNT))
-        return count
 
     access = AccessLog(store)
     access.on_changed = tell_accesses
@@ -140,13 +143,17 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
+    walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
+
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
+    incident_timelines = IncidentTimelines(incidents)
+
     kept_of_walkers: dict[str, DeleteBefore] = {
-        "Walks": recordings.delete_before,
-        "Incidents": incidents.delete_before,
+        "Walks": _and_then(recordings.delete_before, partial(_forget_deleted_walks, walks, walk_library, what_ifs)),
+        "Incidents": _and_then(incidents.delete_before, incident_timelines.forget_deleted),
         "Alerts": alert_store.delete_before,
-        "Events": delete_events_before,
+        "Events": partial(_delete_events_before, devices, hub),
         "Access log": access.delete_before,
         "Orders in the audit log": store.redact_audit_before,
     }
@@ -174,8 +181,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         tuning=tuning,
         recordings=recordings,
         walks=walks,
-        walk_library=WalkLibrary(walks),
-        what_ifs=WhatIfs(walks),
+        walk_library=walk_library,
+        what_ifs=what_ifs,
         builds=builds,
         site_imports=SiteImports(builds.folder),
         exports=Exports(model, config.site_folder, config.data_folder),
@@ -186,8 +193,33 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         alerts=Alerts(hub, alert_store, incidents),
         alert_store=alert_store,
         incidents=incidents,
+        incident_timelines=incident_timelines,
         access=access,
         watching=watching,
         retention=retention,
-        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, watching.look)),
+        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
     )
+
+
+def _delete_events_before(devices: DeviceStore, hub: DeviceHub, wall_s: float) -> int:
+    count = devices.delete_before(wall_s)
+    for device in hub.devices() if count else ():
+        hub.keep_events(device.device_id, devices.latest_events(device.device_id, EVENTS_KEPT_COUNT))
+    return count
+
+
+def _forget_deleted_walks(walks: PastWalks, library: WalkLibrary, what_ifs: WhatIfs) -> None:
+    library.forget_deleted(walks.all())
+    what_ifs.forget_deleted()
+
+
+def _and_then(delete_before: DeleteBefore, forget: Callable[[], None]) -> DeleteBefore:
+    """Return what deletes, and has forgotten then what was found in what is gone."""
+
+    def both(wall_s: float) -> int:
+        try:
+            return delete_before(wall_s)
+        finally:
+            forget()
+
+    return both

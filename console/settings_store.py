@@ -14,11 +14,10 @@ from console.errors import NotFoundError
 from console.store import Store
 from console.tables import SettingsRevisionRow, SettingsTrialRow
 from navcore.settings import SettingValue
-from navcore.wire import SettingsRunning
+from navcore.wire import ApplySettings, SettingsRunning
 
 RevisionState = Literal["sent", "trying", "running", "refused", "reverted"]
 _STARTED_ANEW = "The device went back to what was kept before: it started anew, or nobody kept these."
-_VOID = ("refused", "reverted", "trying")
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,17 +118,21 @@ class SettingsStore:
             return _with_trial(session, row)
 
     def wanted_revision(self, device_id: str) -> SettingsRevision | None:
-        """Return the newest revision that the device is to run whenever it comes; None where there is none.
+        """Return the newest revision that the device has run and kept; None where there is none.
 
-        What it has refused is not asked for again, nor what was only to be tried out, unless it was kept.
+        What it never acknowledged is not asked for again: nobody carries out later what was asked for then.
         """
-        tried = SettingsRevisionRow.revision.in_(select(SettingsTrialRow.revision))
-        wanted = _of(device_id).where(
-            SettingsRevisionRow.state.not_in(_VOID), ~tried | (SettingsRevisionRow.state == "running")
-        )
+        kept = _of(device_id).where(SettingsRevisionRow.state == "running")
         with self._store.reading() as session:
-            row = session.scalar(wanted.limit(1))
+            row = session.scalar(kept.limit(1))
             return None if row is None else _with_trial(session, row)
+
+    def order_at_joining(self, device_id: str, running_revision: int) -> ApplySettings | None:
+        """Return what a device is asked that has lost what it had kept, and runs an older revision; None: nothing."""
+        kept = self.wanted_revision(device_id)
+        if kept is None or kept.revision <= running_revision:
+            return None
+        return ApplySettings(kept.revision, dict(kept.values), base_revision=running_revision, kept_before=True)
 
     def _note_refused(self, session: Session, device_id: str, revision: int, refusal: str) -> None:
         row = self._mine(session, device_id, revision)

@@ -22,6 +22,9 @@ from navcore.errors import InputError
 
 DATABASE_FILE = "console.sqlite3"
 _WRITES = "vbr_writes"
+_LOCK_WAIT_MS = 10_000
+"""So long whoever reads or writes waits for another process."""
+_EMPTYING_WAIT_MS = 100
 
 
 class Store:
@@ -93,9 +96,13 @@ class Store:
         with self._write_lock, self._engine.connect() as connection:
             # Not within a transaction, which the log could not be emptied in.
             cursor = connection.connection.cursor()
-            cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)")
-            answer = cursor.fetchone()
-            cursor.close()
+            # Everybody who writes waits meanwhile: a reader that hinders it is waited for only briefly.
+            cursor.execute(f"PRAGMA busy_timeout = {_EMPTYING_WAIT_MS}")
+            try:
+                answer = cursor.execute("PRAGMA wal_checkpoint(TRUNCATE)").fetchone()
+            finally:
+                cursor.execute(f"PRAGMA busy_timeout = {_LOCK_WAIT_MS}")
+                cursor.close()
         return answer is not None and answer[0] == 0
 
     def close(self) -> None:
@@ -104,7 +111,7 @@ class Store:
 
 
 def _sqlite_engine(url: str) -> Engine:
-    engine = create_engine(url, connect_args={"check_same_thread": False, "timeout": 10.0})
+    engine = create_engine(url, connect_args={"check_same_thread": False, "timeout": _LOCK_WAIT_MS / 1000.0})
 
     @event.listens_for(engine, "connect")
     def configure(connection: Any, record: object) -> None:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 3
-"""2 added the names of versions. 3 added what the monitor keeps."""
+SCHEMA_VERSION = 4
+"""2 added the names of versions. 3 added what the monitor keeps. 4 added when devices were heard of."""
 
 
 class Base(DeclarativeBase):
@@ -235,6 +235,16 @@ class LedRow(Base):
     device_id: Mapped[str] = mapped_column(primary_key=True)
     device_name: Mapped[str]
     since_s: Mapped[float]
+
+
+class HeardRow(Base):
+    """When a device that leads somebody was heard of last."""
+
+    __tablename__ = "devices_heard"
+    device_id: Mapped[str] = mapped_column(primary_key=True)
+    heard_at_s: Mapped[float]
+    event_sequence: Mapped[int]
+    """Its newest event then."""
 
 
 class AccessRow(Base):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import msgspec
@@ -28,7 +27,7 @@ def trace_view(state: WalkerState) -> dict[str, Any]:
         "stamp_s": state.stamp_s,
         "is_told": state.trace is not None,
         "sentence": explanation.sentence,
-        "steps": [dataclasses.asdict(each) for each in explanation.steps],
+        "steps": msgspec.to_builtins(explanation.steps),
         **{name: getattr(trace, name) for name in _OWN_FIELDS},
         "limits": msgspec.structs.asdict(trace.limits),
         "corner": None if trace.corner is None else msgspec.structs.asdict(trace.corner),

@@ -14,6 +14,7 @@ from console.hub import DeviceHub
 from console.live import Command, LiveDevice
 from console.settings_store import SettingsStore
 from navcore.settings import Settings, SettingValue, safety_changes
+from navcore.wire import ApplySettings
 
 TRIAL_S = 60.0
 """So long something that safety hangs on runs unless it is kept."""
@@ -55,22 +56,35 @@ class Tuning:
         self._hub = hub
 
     def draft(self, device_id: str, changes: Mapping[str, SettingValue]) -> Draft:
-        """Return what changes would do. Raises SettingError for what is out of range or order, NotFoundError."""
-        before = Settings().changed(self.running_values(self._hub.device(device_id)))
-        after = before.changed(changes)
-        return Draft(before.values(), after.values(), safety_changes(before, after))
+        """Return what changes would do. Raises SettingError for what is out of range or order, NotFoundError.
+
+        Raises ConflictError where the device has not told what it runs: what is not known is not changed.
+        """
+        return _draft(self._hub.device(device_id), changes)
 
     def change(
-        self, device_id: str, changes: Mapping[str, SettingValue], who: str, consent: Consent | None = None
+        self,
+        device_id: str,
+        changes: Mapping[str, SettingValue],
+        who: str,
+        consent: Consent | None = None,
+        seen_revision: int | None = None,
     ) -> Command:
         """Have a device run its settings with these changes, all or none; the command's detail is the revision.
 
-        Raises SettingError for what is out of range or order, BadRequestError where a change of what people's safety
-        hangs on was not confirmed, NotFoundError or ConflictError where the device is unknown or away, tries something
-        out, or leads somebody.
+        ``seen_revision`` is what ran when somebody decided on them; None: they decided on whatever runs now. Raises
+        SettingError for what is out of range or order, BadRequestError where a change of what people's safety hangs on
+        was not confirmed, NotFoundError or ConflictError where the device is unknown or away, has not told what it
+        runs, runs something else by now, tries something out, or leads somebody.
         """
         consent = consent or Consent()
-        device, draft = self._hub.device(device_id), self.draft(device_id, changes)
+        device = self._hub.device(device_id)
+        if seen_revision not in (None, device.settings_revision):
+            raise ConflictError(
+                f"{device.name} runs revision {device.settings_revision} by now: look at what was changed, and apply it"
+                " anew."
+            )
+        draft = _draft(device, changes)
         if draft.safety and not consent.confirmed:
             raise BadRequestError(f"People's safety hangs on {', '.join(draft.safety)}: confirm the change.")
         self._hub.require_connected(device_id)
@@ -81,9 +95,16 @@ class Tuning:
             device_id, who, consent.why, draft.before, draft.after, newer_than=device.settings_revision,
             revert_after_s=revert_after_s, override_reason=override,
         )  # fmt: skip
-        return self._hub.apply_settings(device_id, revision.revision, draft.after, who, revert_after_s, override)
+        # What is not changed is not sent: whoever changed it in the meantime is not undone.
+        order = ApplySettings(
+            revision.revision, {key: after for key, (_, after) in draft.changes.items()}, revert_after_s, override,
+            base_revision=device.settings_revision,
+        )  # fmt: skip
+        return self._hub.apply_settings(device_id, order, who)
 
-    def back_to(self, device_id: str, revision: int, who: str, consent: Consent) -> Command:
+    def back_to(
+        self, device_id: str, revision: int, who: str, consent: Consent, seen_revision: int | None = None
+    ) -> Command:
         """Have a device run an earlier revision again, as a new one. Raises what :meth:`change` raises."""
         earlier = self._settings.revision(device_id, revision)
         known = Settings().values()
@@ -92,7 +113,7 @@ class Tuning:
             raise BadRequestError(f"The device runs the values of revision {revision} already.")
         why = f"Back to revision {revision}. {consent.why}".strip()
         said = Consent(why, consent.confirmed, consent.override_reason, consent.trial_s)
-        return self.change(device_id, wanted, who, said)
+        return self.change(device_id, wanted, who, said, seen_revision)
 
     def keep(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
         """Have a device keep what it tries out, or give it up. Raises NotFoundError or ConflictError."""
@@ -102,12 +123,19 @@ class Tuning:
         return self._hub.keep_settings(device_id, revision, who, keep=keep)
 
     def running_values(self, device: LiveDevice) -> dict[str, SettingValue]:
-        """Return the settings that a device runs, as far as is known: told, else asked for last, else the defaults."""
+        """Return the settings that a device runs, as far as is known: told, else kept last, else the defaults.
+
+        For people to look at: only what the device has told is changed.
+        """
         known: Mapping[str, SettingValue] = device.settings or {}
         if device.settings is None:
             wanted = self._settings.wanted_revision(device.device_id)
             known = wanted.values if wanted is not None else {}
-        return {key: known.get(key, value) for key, value in Settings().values().items()}
+        return _completed(known)
+
+    def told_values(self, device_id: str) -> dict[str, SettingValue]:
+        """Return the settings that a device has told. Raises NotFoundError, or ConflictError where it has not."""
+        return _told(self._hub.device(device_id))
 
     def _refuse_untimely(self, device: LiveDevice, draft: Draft, consent: Consent) -> None:
         if device.settings_revert_at_s is not None:
@@ -119,3 +147,20 @@ class Tuning:
                 f"Somebody is being led, and people's safety hangs on {', '.join(draft.safety)}: wait until they stand"
                 " at their destination, or say why it must be changed now."
             )
+
+
+def _draft(device: LiveDevice, changes: Mapping[str, SettingValue]) -> Draft:
+    before = Settings().changed(_told(device))
+    after = before.changed(changes)
+    return Draft(before.values(), after.values(), safety_changes(before, after))
+
+
+def _told(device: LiveDevice) -> dict[str, SettingValue]:
+    if device.settings is None:
+        raise ConflictError(f"{device.name} has not told yet what it runs: wait until it is connected, then try again.")
+    return _completed(device.settings)
+
+
+def _completed(known: Mapping[str, SettingValue]) -> dict[str, SettingValue]:
+    """A device of another version may not have all settings, or more."""
+    return {key: known.get(key, value) for key, value in Settings().values().items()}

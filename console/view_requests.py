@@ -1,4 +1,4 @@
-"""What the page around asks of the 3D scene inside it: fly there, select this, follow that device.
+"""What pages ask of the 3D scene: fly there, select this, follow that device, show this instant of the past.
 
 Page and scene are two connections of one sign-in session; the scene's side subscribes with the id of its session and
 hears only what was asked in that session.
@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from console.edits import Thing
+from console.live import LiveDevice
+from navcore.geometry import FloatArray
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +49,26 @@ class MoveCamera:
     to: Literal["walker", "overview"]
 
 
-ViewRequest = FlyToPoi | FlyToPoint | FollowDevice | MoveCamera
+@dataclass(frozen=True, slots=True, eq=False)
+class ShowPast:
+    """Show an instant of the past in place of the live walker; it must be said again and again."""
+
+    device: LiveDevice
+    """As the console knew it then."""
+    at_s: float
+    """The instant, on the clock that ``device`` is told by."""
+    words: str
+    """What says that it is past, as ``PAST WALK 12:03:10``."""
+    trail_m: FloatArray
+    """Where the walker had been until then, points (n, 2)."""
+
+
+@dataclass(frozen=True, slots=True)
+class EndPast:
+    """Show the live walker again."""
+
+
+ViewRequest = FlyToPoi | FlyToPoint | FollowDevice | MoveCamera | ShowPast | EndPast
 Listener = Callable[[ViewRequest], None]
 
 

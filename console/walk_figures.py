@@ -12,18 +12,20 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from console.live_panel import reason_sentence
 from console.walk_layers import Layers, layers_of
 from console.walk_marks import STANDING_M_S, Mark, led, marks_of, on_the_way, steps_s
-from console.walk_timeline import WalkTimeline
+from console.walk_timeline import NamedPlace, WalkTimeline
 from navcore.deviation import DeviationFigures
 from navcore.modes import Mode
+from navcore.tagging import is_made_name
 from navcore.wire import RouteChanged
 
 _STEP_M = 0.3
 """Length of path is counted in steps of this size, so that the position's own noise does not add to it."""
 _NEAR_PLACE_M = 3.0
-"""Who begins to be led so near to a place begins there."""
+"""What is so near to a place is there."""
+_BEGINS_NEAR_M = 5.0
+"""Who begins to be led so near to a place that somebody has named begins there: places lie beside the road."""
 
 
 class Deviation(msgspec.Struct, frozen=True):
@@ -82,7 +84,7 @@ class WalkFound(msgspec.Struct, frozen=True):
     version: int
 
 
-FOUND_VERSION = 1
+FOUND_VERSION = 2
 """Of what is found and how; what another version has found is found anew."""
 
 
@@ -134,6 +136,10 @@ def known(value: float) -> float | None:
 def _from_place(timeline: WalkTimeline, routes: list[RouteChanged]) -> str:
     if not routes:
         return ""
+    named = tuple(place for place in timeline.places if not is_made_name(place.name))
+    away_m, name = _nearest(named, routes[0].points_m[0])
+    if away_m <= _BEGINS_NEAR_M:
+        return name
     if routes[0].stops and routes[0].stops[0][1] < _NEAR_PLACE_M and len(routes[0].stops) > 1:
         return routes[0].stops[0][0]
     return _place_near(timeline, routes[0].points_m[0])
@@ -147,9 +153,14 @@ def _to_place(timeline: WalkTimeline, routes: list[RouteChanged]) -> str:
 
 def _place_near(timeline: WalkTimeline, point_m: tuple[float, float]) -> str:
     """Return the name of the place at a point; coordinates where there is none."""
-    away = [(math.dist(point_m, (place.x_m, place.y_m)), place.name) for place in timeline.places]
-    away_m, name = min(away, default=(math.inf, ""))
+    away_m, name = _nearest(timeline.places, point_m)
     return name if away_m <= _NEAR_PLACE_M else f"({point_m[0]:.1f}, {point_m[1]:.1f})"
+
+
+def _nearest(places: tuple[NamedPlace, ...], point_m: tuple[float, float]) -> tuple[float, str]:
+    """Return how far away the nearest place is, metres, and its name; infinity where there is none."""
+    away = [(math.dist(point_m, (place.x_m, place.y_m)), place.name) for place in places]
+    return min(away, default=(math.inf, ""))
 
 
 def _outcome(timeline: WalkTimeline, arrived: bool) -> str:
@@ -160,7 +171,7 @@ def _outcome(timeline: WalkTimeline, arrived: bool) -> str:
         return "Nobody was led."
     if last_led[-1] < len(timeline.stamps_s) - 1:
         return "Ended on the way."
-    return f"The recording ends on the way: {reason_sentence(timeline.word('reason', -1))}"
+    return f"The recording ends on the way: {timeline.sentence_at(len(timeline.stamps_s) - 1)}"
 
 
 def _path_m(timeline: WalkTimeline) -> float:

@@ -95,7 +95,9 @@ class WalkLibrary:
                 walk = self._waiting[0]
             found = self._read(walk)
             with self._changed:
-                self._found[walk] = found
+                if all(part.exists() for part in walk.parts):
+                    # One that was deleted meanwhile has been forgotten already.
+                    self._found[walk] = found
                 self._waiting.popleft()
 
     def _read(self, walk: PastWalk) -> WalkFound | str:

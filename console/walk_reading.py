@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
-from typing import Any, get_args, get_type_hints
+from typing import get_args, get_type_hints
 
 import msgspec
 import numpy as np
@@ -15,7 +14,8 @@ from mcap.records import Channel, McapRecord, Message
 
 from console.errors import NotFoundError
 from console.past_walks import PastWalk
-from console.walk_timeline import NUMBERS, WORDS, NamedPlace, Stamped, WalkTimeline, Where, state_of
+from console.timeline import ColumnsBuilder, NamedPlace, Stamped
+from console.walk_timeline import WalkTimeline, Where, state_of
 from navcore.errors import InputError
 from navcore.walk_file import NS_PER_S, WalkFile
 from navcore.walk_messages import (
@@ -32,7 +32,7 @@ from navcore.walk_messages import (
     OrderMessage,
     SettingsMessage,
 )
-from navcore.wire import Event, Point2, RouteChanged, WalkerState
+from navcore.wire import Event, Point2, RouteChanged
 
 MAX_CYCLE_COUNT = 360_000
 """Ten hours at 10 Hz; a longer walk is read up to there."""
@@ -60,9 +60,8 @@ class _Reader:
 
     def __init__(self, walk: PastWalk) -> None:
         self._walk = walk
-        self._states: list[tuple[Any, ...]] = []
+        self._states = ColumnsBuilder()
         self._where: list[Where] = []
-        self._words: dict[str, int] = {"": 0}
         self._events: list[Event] = []
         self._cues: list[Stamped] = []
         self._orders: list[Stamped] = []
@@ -116,19 +115,7 @@ class _Reader:
         if self._where and where.stamp_s <= self._where[-1].stamp_s:
             return
         self._where.append(where)
-        self._states.append(self._row(state))
-
-    def _row(self, state: WalkerState) -> tuple[Any, ...]:
-        x_m, y_m, _, heading_rad = state.pose or (None, None, None, None)
-        numbers = (
-            x_m, y_m, heading_rad, state.position_std_m, state.deviation_m, state.remaining_m, state.nearest_ahead_m,
-            state.sonar_m, state.speed_m_s,
-        )  # fmt: skip
-        words = (
-            state.quality, state.action, state.reason, state.mode.value, state.sonar_state, state.destination_id or "",
-        )  # fmt: skip
-        codes = (self._words.setdefault(word, len(self._words)) for word in words)
-        return (*(math.nan if value is None else value for value in numbers), *codes)
+        self._states.add(state)
 
     def _take_log(self, data: bytes, where: Where) -> None:
         line = Log.FromString(data)
@@ -180,16 +167,11 @@ class _Reader:
         if not self._where:
             why = " ".join(self._walk.troubles) or "Its files hold no cycle."
             raise NotFoundError(f"Nothing of this walk can be read. {why}")
-        columns = list(zip(*self._states, strict=True))
-        numbers = {name: np.array(columns[index], np.float32) for index, name in enumerate(NUMBERS)}
-        codes = {name: np.array(columns[len(NUMBERS) + index], np.int16) for index, name in enumerate(WORDS)}
         by_time = sorted(self._events, key=lambda event: event.stamp_s)
         return WalkTimeline(
             walk=self._walk,
             stamps_s=np.array([where.stamp_s for where in self._where], np.float64),
-            numbers=numbers,
-            codes=codes,
-            words=tuple(self._words),
+            columns=self._states.columns(),
             events=tuple(msgspec.structs.replace(event, sequence=index) for index, event in enumerate(by_time, 1)),
             cues=tuple(self._cues),
             orders=tuple(self._orders),

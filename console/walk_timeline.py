@@ -15,52 +15,25 @@ from pathlib import Path
 from typing import Any
 
 import msgspec
-import numpy as np
 from foxglove_schemas_protobuf.RawImage_pb2 import RawImage
 from google.protobuf.message import DecodeError
 from mcap.records import McapRecord, Message
-from numpy.typing import NDArray
 
 from console.errors import NotFoundError
 from console.live import LiveDevice
 from console.past_walks import PastWalk
+from console.timeline import Stamped, Timeline
 from navcore.errors import InputError
-from navcore.geometry import FloatArray
 from navcore.settings import SettingValue
 from navcore.silhouette import silhouette_jpeg
 from navcore.walk_file import block_at
 from navcore.walk_messages import SettingsMessage, depths_of
-from navcore.wire import PROTOCOL_VERSION, DepthImage, Event, Hello, Point2, RouteChanged, WalkerState
+from navcore.wire import PROTOCOL_VERSION, DepthImage, Hello, WalkerState
 
 EVENTS_KEPT_COUNT = 200
 """As many of the latest events as a live device has."""
 _BLOCKS_KEPT_COUNT = 4
 """Instants that follow one another mostly lie in one block: half a second."""
-NUMBERS = (
-    "x_m", "y_m", "heading_rad", "position_std_m", "deviation_m", "remaining_m", "nearest_ahead_m", "sonar_m",
-    "speed_m_s",
-)  # fmt: skip
-"""Columns that hold numbers; NaN where there is none."""
-WORDS = ("quality", "action", "reason", "mode", "sonar_state", "destination_id")
-"""Columns that hold words, as indices into :attr:`WalkTimeline.words`."""
-
-
-@dataclass(frozen=True, slots=True)
-class NamedPlace:
-    """A place of the road as the walk's own files have it."""
-
-    name: str
-    x_m: float
-    y_m: float
-
-
-@dataclass(frozen=True, slots=True)
-class Stamped:
-    """Something that happened, on the device's clock."""
-
-    stamp_s: float
-    kind: str
-    text: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,30 +48,13 @@ class Where:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class WalkTimeline:
+class WalkTimeline(Timeline):
     """What is known of a past walk. Times are the device's clock, as it was recorded."""
 
     walk: PastWalk
-    stamps_s: FloatArray
-    """(n,) of the cycles, ascending."""
-    numbers: dict[str, NDArray[np.float32]]
-    """Columns (n,) of :data:`NUMBERS`."""
-    codes: dict[str, NDArray[np.int16]]
-    """Columns (n,) of :data:`WORDS`."""
-    words: tuple[str, ...]
-    """What the codes stand for."""
-    events: tuple[Event, ...]
     cues: tuple[Stamped, ...]
     """What was heard: kind of the cue, and its words (empty for a tone)."""
-    orders: tuple[Stamped, ...]
-    """What was asked of the device: kind of the order, and what came with it."""
-    routes: tuple[RouteChanged, ...]
     settings: tuple[tuple[float, SettingsMessage], ...]
-    places: tuple[NamedPlace, ...]
-    roads: tuple[tuple[Point2, ...], ...]
-    """Lines of the road."""
-    troubles: tuple[str, ...]
-    """What of the walk is missing or damaged, in sentences."""
     _where: tuple[Where, ...]
     """Of each cycle's state."""
     _depths: tuple[Where, ...]
@@ -106,38 +62,17 @@ class WalkTimeline:
         default_factory=lambda: lru_cache(maxsize=_BLOCKS_KEPT_COUNT)(block_at)
     )
 
-    @property
-    def began_s(self) -> float:
-        """The first cycle."""
-        return float(self.stamps_s[0])
-
-    @property
-    def ended_s(self) -> float:
-        """The last cycle."""
-        return float(self.stamps_s[-1])
-
-    def is_word(self, column: str, *words: str) -> NDArray[np.bool_]:
-        """Return (n,) whether a column holds one of these words."""
-        wanted = [index for index, word in enumerate(self.words) if word in words]
-        return np.isin(self.codes[column], wanted)
-
-    def word(self, column: str, index: int) -> str:
-        """Return the word of a cycle."""
-        return self.words[int(self.codes[column][index])]
-
-    def index_at(self, stamp_s: float) -> int:
-        """Return the cycle that was the newest at a time; the first one before the beginning."""
-        return max(0, int(np.searchsorted(self.stamps_s, stamp_s, side="right")) - 1)
-
-    def route_at(self, stamp_s: float) -> RouteChanged | None:
-        """Return the route that was walked then."""
-        found = bisect_right(self.routes, stamp_s, key=lambda route: route.stamp_s)
-        return self.routes[found - 1] if found else None
-
     def settings_at(self, stamp_s: float) -> SettingsMessage | None:
         """Return the settings that ran then."""
         found = bisect_right(self.settings, stamp_s, key=lambda each: each[0])
         return self.settings[found - 1][1] if found else None
+
+    def state_at(self, index: int) -> WalkerState | None:
+        """Return the state of a cycle; None where it cannot be read any more."""
+        try:
+            return self._state(index)
+        except NotFoundError:
+            return None
 
     def device_at(self, stamp_s: float) -> LiveDevice:
         """Return the device as the console would have known it then, without any delay.
@@ -163,6 +98,11 @@ class WalkTimeline:
             settings=None if settings is None else flat(settings.settings), settings_revision=revision,
             map_checksum=walk.map_checksum, graph_version=walk.graph_version,
         )  # fmt: skip
+
+    def depth_stamp_s(self, stamp_s: float) -> float | None:
+        """Return the time of the depth image that was the newest then; None where there was none."""
+        where = self._depth_before(stamp_s)
+        return None if where is None else where.stamp_s
 
     def depth_jpeg(self, stamp_s: float) -> bytes:
         """Return the depth silhouette that was the newest then. Raises NotFoundError."""

@@ -8,6 +8,7 @@ shows a walker whose link breaks watches on: the walker does not hear that nobod
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -24,6 +25,7 @@ SAYS_AT_LEAST_EVERY_S = 10.0
 """A window that has once said what it shows, and says it no more, shows nothing any longer: its page is hidden."""
 NOTED_EVERY_S = 30.0
 LOOK_EVERY_S = 0.5
+_log = logging.getLogger(__name__)
 
 
 class WatchedDevices(Protocol):
@@ -57,8 +59,8 @@ class _Watch:
 
     seen_s: float
     """When they last did, as far as it is known."""
-    entry: int
-    """Their entry in the log."""
+    entry: int | None = None
+    """Their entry in the log; None until it could be written."""
 
 
 class Window:
@@ -90,6 +92,10 @@ class Watching:
         self._watches: dict[str, dict[str, _Watch]] = {}
         self._connected_s: dict[str, float] = {}
         """When a device was connected last."""
+        self._counted: frozenset[tuple[str, str]] = frozenset()
+        """Device and person of whom it has been told; nobody else is shown anything."""
+        self._ended: list[tuple[int, str]] = []
+        """Entries of the log whose end is still to be written, and their devices."""
         self._noted_s = now_s()
 
     @contextmanager
@@ -124,25 +130,29 @@ class Watching:
 
     def sees(self, window: object, device_id: str) -> bool:
         """Whether what a device tells of its walker is for this window: it watches, and is counted."""
+        connected = self._devices.connected_ids()
         with self._lock:
             known = self._windows.get(window)
-            return known is not None and _shows(known, device_id, self._now_s())
+            is_shown = known is not None and _shows(known, device_id, self._now_s())
+            return known is not None and is_shown and self._is_counted(known.who, device_id, connected)
 
     def scene_sees(self, window: object, device_id: str) -> bool:
         """The same for a scene: where its person has pages open, these must say that they show the device."""
+        connected = self._devices.connected_ids()
         with self._lock:
             known, now_s = self._windows.get(window), self._now_s()
-            if known is None:
+            if known is None or not self._is_counted(known.who, device_id, connected):
                 return False
             pages = [each for each in self._windows.values() if each.who == known.who and not each.counts_alone]
             return not pages or any(_shows(page, device_id, now_s) for page in pages)
 
     def person_sees(self, who: str, device_id: str) -> bool:
         """Whether a page of this person says that it shows the device."""
+        connected = self._devices.connected_ids()
         with self._lock:
             now_s = self._now_s()
             pages = [each for each in self._windows.values() if each.who == who and not each.counts_alone]
-            return any(_shows(page, device_id, now_s) for page in pages)
+            return self._is_counted(who, device_id, connected) and any(_shows(page, device_id, now_s) for page in pages)
 
     def looked(self, who: str, device_id: str) -> None:
         """Somebody has asked for a picture of a walker: that is watching as well."""
@@ -150,7 +160,7 @@ class Watching:
             self._windows[who, device_id] = _Open(who, frozenset({device_id}), self._now_s())
 
     def look(self) -> None:
-        """Bring up to date who watches, tell the devices, and write it down."""
+        """Bring up to date who watches and tell the devices; then write it down, which may have to wait."""
         with self._looking:
             now_s = self._now_s()
             for device_id, who in self._seen_now(now_s, self._lately_connected(now_s)):
@@ -159,9 +169,31 @@ class Watching:
                 for who, watch in tuple(watches.items()):
                     if now_s - watch.seen_s > GRACE_S:
                         del watches[who]
-                        self._access.watch_ends(watch.entry, device_id)
+                        if watch.entry is not None:
+                            self._ended.append((watch.entry, device_id))
                 self._devices.set_watchers(device_id, tuple(watches)[:MAX_NAMES_COUNT])
-            self._note(now_s)
+            counted = frozenset((each, who) for each, watches in self._watches.items() for who in watches)
+            with self._lock:
+                self._counted = counted
+            try:
+                self._write_down(now_s)
+            except Exception:
+                # It is tried again at the next look; whoever is watched has been told.
+                _log.exception("who watches could not be written down")
+
+    def _is_counted(self, who: str, device_id: str, connected: tuple[str, ...]) -> bool:
+        """Whether the device has been told of somebody; one that is away tells nothing new, and cannot be told."""
+        return device_id not in connected or (device_id, who) in self._counted
+
+    def _write_down(self, now_s: float) -> None:
+        for device_id, watches in self._watches.items():
+            for who, watch in watches.items():
+                if watch.entry is None:
+                    watches[who] = replace(watch, entry=self._access.watch_begins(who, device_id))
+        while self._ended:
+            self._access.watch_ends(*self._ended[-1])
+            self._ended.pop()
+        self._note(now_s)
 
     def _lately_connected(self, now_s: float) -> tuple[str, ...]:
         self._connected_s |= dict.fromkeys(self._devices.connected_ids(), now_s)
@@ -172,10 +204,12 @@ class Watching:
         """Write down now and then who still watches, all at once: with many devices on a page these are many."""
         if now_s - self._noted_s < NOTED_EVERY_S:
             return
-        self._noted_s = now_s
-        entries = [watch.entry for watches in self._watches.values() for watch in watches.values()]
+        entries = [
+            watch.entry for watches in self._watches.values() for watch in watches.values() if watch.entry is not None
+        ]
         if entries:
             self._access.watches_go_on(entries)
+        self._noted_s = now_s
 
     def _seen_now(self, now_s: float, device_ids: tuple[str, ...]) -> list[tuple[str, str]]:
         """Return device and person of everything that is shown to somebody; forget pictures that were asked for."""
@@ -190,11 +224,7 @@ class Watching:
 
     def _begin_or_go_on(self, who: str, device_id: str, now_s: float) -> None:
         watches = self._watches.setdefault(device_id, {})
-        watch = watches.get(who)
-        if watch is None:
-            watches[who] = _Watch(now_s, self._access.watch_begins(who, device_id))
-        else:
-            watches[who] = replace(watch, seen_s=now_s)
+        watches[who] = replace(watches.get(who, _Watch(now_s)), seen_s=now_s)
 
 
 def _is_over(window: _Open, now_s: float) -> bool:

@@ -6,9 +6,11 @@ can be ended. What has been found is remembered for the same walk and the same v
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import logging
+import shutil
 import tempfile
 import threading
 from collections import OrderedDict, deque
@@ -67,8 +69,10 @@ class _Work:
 class WhatIfs:
     """Asks what other settings would have changed. All methods may be called from any thread."""
 
-    def __init__(self, walks: PastWalks, max_run_s: float = MAX_RUN_S) -> None:
-        self._walks, self._max_run_s = walks, max_run_s
+    def __init__(self, walks: PastWalks, folder: Path, max_run_s: float = MAX_RUN_S) -> None:
+        """``folder`` is for what is found on the way; what a console that was killed has left there goes."""
+        self._walks, self._folder, self._max_run_s = walks, folder, max_run_s
+        shutil.rmtree(folder, ignore_errors=True)
         self._lock = threading.Lock()
         self._runs: OrderedDict[str, WhatIfRun] = OrderedDict()
         self._waiting: deque[str] = deque()
@@ -104,7 +108,16 @@ class WhatIfs:
         return run
 
     def run(self, run_id: str) -> WhatIfRun:
-        """Return how a question stands. Raises NotFoundError."""
+        """Return how a question stands. Raises NotFoundError, also where its walk was deleted."""
+        run = self._known(run_id)
+        self._walks.named(run.walk_id)
+        return run
+
+    def walk_of(self, run_id: str) -> PastWalk:
+        """Return the walk that a question is about. Raises NotFoundError."""
+        return self._walks.named(self._known(run_id).walk_id)
+
+    def _known(self, run_id: str) -> WhatIfRun:
         with self._lock:
             run = self._runs.get(run_id)
         if run is None:
@@ -124,6 +137,16 @@ class WhatIfs:
             if self._work is not None and self._work.run_id == run_id:
                 self._work.process.stop()
         return run
+
+    def forget_deleted(self) -> None:
+        """Forget what was asked of walks, or parts of walks, that were deleted meanwhile."""
+        with self._lock:
+            gone = [run_id for run_id, run in self._runs.items() if not all(file.exists() for file in run.files)]
+        for run_id in gone:
+            with contextlib.suppress(NotFoundError):
+                self.cancel(run_id)
+            with self._lock:
+                self._runs.pop(run_id, None)
 
     def close(self) -> None:
         """Give up what runs and waits."""
@@ -165,7 +188,8 @@ class WhatIfs:
 
     def _answered(self, work: _Work) -> dict[str, object]:
         run = self.run(work.run_id)
-        with tempfile.TemporaryDirectory(prefix="vbr-what-if-") as folder:
+        self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        with tempfile.TemporaryDirectory(dir=self._folder) as folder:
             decisions = Path(folder) / "decisions.jsonl"
             ended = work.process.run(
                 _arguments(run, decisions), lambda percent: self._note(run.run_id, percent=percent), self._max_run_s

@@ -22,6 +22,8 @@ from navcore.types import Reason
 LONGEST_CYCLE_S = 1.0
 """No decision counts for longer, whatever gap follows it."""
 _DIRECTION_STEP_DEG = 5
+_FIGURES_EVERY_S = 1.0
+"""What is told of an unchanged decision is brought up to date so often."""
 _SHOWN = ("action", "reason", "direction_deg", "cues")
 """In what decisions differ that are shown as different: what is only measured changes nothing for anybody."""
 
@@ -36,20 +38,19 @@ class Decision(msgspec.Struct, frozen=True):
     deviation_m: float | None
     cues: tuple[str, ...]
 
-    @property
-    def sentence(self) -> str:
-        """The decision in a sentence."""
-        said = "".join(f" “{cue}”" for cue in self.cues)
-        return (
-            f"{self.action.capitalize()}{self._aside}: {reason_sentence(self.reason)} ({self.rule or 'no rule'}){said}"
-        )
+    sentence: str
+    """Why, as ``navcore.explain`` tells it."""
 
     @property
-    def _aside(self) -> str:
-        if self.direction_deg is None or self.action == "stop":
-            return ""
-        rounded = _DIRECTION_STEP_DEG * round(self.direction_deg / _DIRECTION_STEP_DEG)
-        return " straight on" if rounded == 0 else f" {abs(rounded)}° {'left' if rounded > 0 else 'right'}"
+    def words(self) -> str:
+        """The decision, and what was said."""
+        return "".join([self.sentence, *(f" “{cue}”" for cue in self.cues)])
+
+    @property
+    def gist(self) -> tuple[object, ...]:
+        """What of it is worth telling at once; figures in the sentence change with every cycle."""
+        heading = None if self.direction_deg is None else round(self.direction_deg / _DIRECTION_STEP_DEG)
+        return self.action, self.reason, self.rule, heading, self.cues
 
 
 class DecisionPair(msgspec.Struct, frozen=True):
@@ -75,7 +76,7 @@ class Side:
     """By action."""
     stop_count: int
     stops_by_reason: dict[str, int]
-    """How often walking or turning ended in a stop, by the reason's sentence."""
+    """How often walking or turning ended in a stop on the way, by the reason's sentence."""
     no_way_count: int
     off_road_count: int
     """How often the walker began to be led back to the road."""
@@ -118,7 +119,7 @@ class WhatIfResult:
     different: tuple[Stretch, ...]
     """When they differ, with the two sentences of its beginning."""
     instants: tuple[Instant, ...]
-    """Both sentences wherever one of them changes."""
+    """Both sentences wherever a decision changes, and every second."""
 
 
 def read_decisions(path: Path) -> tuple[DecisionPair, ...]:
@@ -165,7 +166,7 @@ def _side(decisions: list[Decision], lengths_s: list[float]) -> Side:
     seconds = dict.fromkeys(("walk", "turn", "stop"), 0.0)
     for decision, length_s in zip(decisions, lengths_s, strict=True):
         seconds[decision.action] += length_s
-    stops = Counter(d.reason for d in _beginnings(decisions, "action") if d.action == "stop")
+    stops = Counter(d.reason for d in _beginnings(decisions, "action") if d.action == "stop" and _is_on_the_way(d))
     reasons = Counter(decision.reason for decision in _beginnings(decisions, "reason"))
     deviations_m = [decision.deviation_m for decision in decisions if decision.deviation_m is not None]
     return Side(
@@ -177,6 +178,11 @@ def _side(decisions: list[Decision], lengths_s: list[float]) -> Side:
         cue_count=sum(len(decision.cues) for decision in decisions),
         mean_deviation_m=fmean(deviations_m) if deviations_m else None,
     )
+
+
+def _is_on_the_way(decision: Decision) -> bool:
+    """Say whether somebody is still on the way: to stand at the destination is no stop, as on the page of a walk."""
+    return decision.reason not in (Reason.ARRIVED.value, Reason.NO_ROUTE.value)
 
 
 def _beginnings(decisions: list[Decision], name: str) -> Iterator[Decision]:
@@ -208,7 +214,7 @@ def _different(spans: list[tuple[float, float]], pairs: tuple[DecisionPair, ...]
         if pair.differs and current is not None:
             current = Stretch(current.from_s, to_s, current.then, current.now)
         elif pair.differs:
-            current = Stretch(from_s, to_s, pair.then.sentence, pair.now.sentence)
+            current = Stretch(from_s, to_s, pair.then.words, pair.now.words)
         elif current is not None:
             yield current
             current = None
@@ -217,9 +223,10 @@ def _different(spans: list[tuple[float, float]], pairs: tuple[DecisionPair, ...]
 
 
 def _instants(spans: list[tuple[float, float]], pairs: tuple[DecisionPair, ...]) -> Iterator[Instant]:
-    before: tuple[str, str] | None = None
+    before: tuple[object, ...] | None = None
+    next_s = 0.0
     for (at_s, _), pair in zip(spans, pairs, strict=True):
-        words = pair.then.sentence, pair.now.sentence
-        if words != before:
-            yield Instant(at_s, *words)
-        before = words
+        gist = pair.then.gist, pair.now.gist
+        if gist != before or at_s >= next_s:
+            yield Instant(at_s, pair.then.words, pair.now.words)
+            before, next_s = gist, at_s + _FIGURES_EVERY_S

@@ -8,6 +8,7 @@ thread and are carried out between two frames.
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -69,7 +70,8 @@ from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
-from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning
+from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning, expired_text
+from navcore.wire import Order as PersonsOrder
 
 MAX_WAITING_ORDERS = 256
 _PAUSE_WITHOUT_CAMERA_S = 0.05
@@ -130,7 +132,8 @@ class DeviceAgent:
         self.state = state
         """Replaced as a whole, between two stages: any thread may read it."""
         self._locator = parts.locating(localizer)
-        self._orders: queue.Queue[Order] = queue.Queue(MAX_WAITING_ORDERS)
+        self._orders: queue.Queue[tuple[Order, float]] = queue.Queue(MAX_WAITING_ORDERS)
+        """Each with the time until which it may be carried out."""
         self.monitor = LoopMonitor(plans=parts.plans_load)
         """How long the stages take."""
         self._frame_rate_hz = 0.0
@@ -160,10 +163,13 @@ class DeviceAgent:
         self._tap.begin(self.state, self._voice.memory, parts.camera.intrinsics)
 
     # ------------------------------------------------------------------------------------------------- orders
-    def submit(self, order: Order) -> None:
-        """Take an order from any thread. Raises VbrError when far too many wait already."""
+    def submit(self, order: Order, holds_s: float = math.inf) -> None:
+        """Take an order from any thread, which is carried out within ``holds_s`` or not at all.
+
+        Raises VbrError when far too many wait already.
+        """
         try:
-            self._orders.put_nowait(order)
+            self._orders.put_nowait((order, self._parts.clock.now_s() + holds_s))
         except queue.Full as error:
             raise VbrError("The device is too busy to take more orders: try again.") from error
 
@@ -290,10 +296,14 @@ class DeviceAgent:
     def _take_orders(self) -> None:
         while True:
             try:
-                order = self._orders.get_nowait()
+                order, until_s = self._orders.get_nowait()
             except queue.Empty:
                 break
-            self._carry_out(order)
+            now_s = self._parts.clock.now_s()
+            if isinstance(order, PersonsOrder) and now_s > until_s:
+                self._parts.uplink.event(now_s, "link", expired_text(order))
+            else:
+                self._carry_out(order)
         for press in self._presses():
             self._carry_out(press)
         if self.state.trial is not None:

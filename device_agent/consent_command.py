@@ -8,9 +8,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from device_agent.consent_watch import NOTHING_SHARED
 from device_agent.device_store import DeviceStore
-from device_agent.sharing import Consent
+from device_agent.sharing import NOTHING_SHARED, Consent
 from device_agent.state_folder import add_state_options, state_folder_of
 from navcore.cues.privacy_words import accesses_text
 from navcore.errors import InputError
@@ -31,7 +30,7 @@ def _kept(store: DeviceStore) -> Consent:
     try:
         return store.load_consent()
     except InputError:
-        # It is said anew here: whatever is not said is not shared.
+        # Whatever is not said anew is not shared.
         return NOTHING_SHARED
 
 
@@ -42,9 +41,8 @@ def _run(arguments: argparse.Namespace) -> int:
     }
     consent = _kept(store)
     if wanted:
-        consent = replace(consent, **wanted)
         try:
-            store.save_consent(consent)
+            consent = store.change_consent(lambda kept: replace(kept, **wanted, version=kept.version + 1))
         except OSError as error:
             raise InputError(f"What is shared cannot be kept in {store.state_folder} ({error.strerror}).") from error
     sys.stdout.write(

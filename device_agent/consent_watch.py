@@ -5,23 +5,30 @@ from __future__ import annotations
 import logging
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 
 from device_agent.device_store import DeviceStore
-from device_agent.sharing import Consent
+from device_agent.sharing import NOTHING_SHARED, Consent
 from navcore.errors import InputError, VbrError
 
 LOOK_EVERY_S = 1.0
-NOTHING_SHARED = Consent(silhouettes=False, walks=False)
 _log = logging.getLogger(__name__)
 
 
 class ConsentWatch:
     """Looks at the file in which consent is kept, in a thread of its own, and hands over what others have written."""
 
-    def __init__(self, store: DeviceStore, default: Consent, submit: Callable[[Consent], None]) -> None:
-        """``default`` holds where nothing was ever said."""
+    def __init__(
+        self,
+        store: DeviceStore,
+        default: Consent,
+        submit: Callable[[Consent], None],
+        seen: tuple[int, int] | None,
+    ) -> None:
+        """``default`` holds where nothing was ever said; ``seen`` is the file's stamp before it was last read."""
         self._store, self._default, self._submit = store, default, submit
-        self._seen = store.consent_stamp()
+        self._seen = seen
+        self._newest_version = 0
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name="consent", daemon=True)
 
@@ -50,10 +57,15 @@ class ConsentWatch:
 
     def _read(self) -> Consent:
         try:
-            return self._store.load_consent(self._default)
+            consent = self._store.load_consent(self._default)
         except InputError as error:
             _log.warning("%s", error)
             return NOTHING_SHARED
+        if consent.version < self._newest_version:
+            # The file was lost, or put back: what it says can only share less.
+            return replace(consent, version=0)
+        self._newest_version = consent.version
+        return consent
 
     def _run(self) -> None:
         while not self._stopped.wait(LOOK_EVERY_S):

@@ -18,6 +18,11 @@ _UNSEEN_STEP_DEG = 2.0
 _BEHIND_CORNER_M = 1.0
 _ONE_BEARING_RAD = math.radians(1.0)
 """Width of a scan of a single bearing."""
+_STATE_OF_RANK = np.array(
+    [BearingState.FREE, BearingState.UNKNOWN, BearingState.HEARD, BearingState.OBSTACLE, BearingState.DROP]
+)
+"""From what is best for a walker to what is worst."""
+_RANK_OF_STATE = np.argsort(_STATE_OF_RANK)
 
 
 def decision_view(guidance: Guidance, scan: ObstacleScan | None, settings: Settings) -> DecisionTraceView:
@@ -46,19 +51,25 @@ def decision_view(guidance: Guidance, scan: ObstacleScan | None, settings: Setti
 
 
 def wire_scan(scan: ObstacleScan) -> WireScan:
-    """Return a scan on evenly spaced bearings; those between that it does not have are unknown."""
+    """Return a scan on evenly spaced bearings; those between that it does not have are unknown.
+
+    Of bearings that fall on the same one, the worst state is told, and the nearest distance.
+    """
     bearings = scan.bearing_rad
     if not len(bearings):
         return WireScan(0.0, _ONE_BEARING_RAD, (), (), _unseen(scan))
     step_rad = float(np.diff(bearings).min()) if len(bearings) > 1 else _ONE_BEARING_RAD
     step_rad = max(step_rad, float(bearings[-1] - bearings[0]) / (MAX_BEARINGS - 1), 1e-6)
     index = np.rint((bearings - bearings[0]) / step_rad).astype(int)
-    states = np.full(index[-1] + 1, BearingState.UNKNOWN, dtype=int)
-    states[index] = scan.state
-    nearest_cm = np.zeros(len(states), dtype=int)
+    worst = np.full(index[-1] + 1, -1)
+    np.maximum.at(worst, index, _RANK_OF_STATE[scan.state])
+    states = np.where(worst < 0, BearingState.UNKNOWN, _STATE_OF_RANK[worst])
+    nearest_m = np.full(len(states), np.inf)
+    np.fmin.at(nearest_m, index, scan.nearest_m)
+    is_there = np.isfinite(nearest_m)
     # What is there is never told as 0, which would be nothing.
-    near = np.nan_to_num(scan.nearest_m * 100.0, nan=0.0, posinf=0.0)
-    nearest_cm[index] = np.where(np.isfinite(scan.nearest_m), np.clip(np.rint(near), 1, _MAX_CM), 0)
+    nearest_cm = np.where(is_there, np.clip(np.rint(np.where(is_there, nearest_m, 0.0) * 100.0), 1, _MAX_CM), 0)
+    nearest_cm = nearest_cm.astype(int)
     return WireScan(
         float(bearings[0]), step_rad, tuple(states.tolist()), tuple(nearest_cm.tolist()), _unseen(scan)
     )  # fmt: skip

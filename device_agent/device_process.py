@@ -17,7 +17,7 @@ from device_agent.adapters.clocks import SystemClock
 from device_agent.adapters.fakes import NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
 from device_agent.calibration_store import CalibrationStore
-from device_agent.consent_watch import NOTHING_SHARED, ConsentWatch
+from device_agent.consent_watch import ConsentWatch
 from device_agent.device_options import DeviceOptions
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
@@ -35,7 +35,7 @@ from device_agent.ports import Clock, LocalizerPort, Uplink
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
-from device_agent.sharing import Consent, Privacy
+from device_agent.sharing import NOTHING_SHARED, Consent, Privacy
 from device_agent.simulation.pace import PacedClock, RealTimeUplink
 from device_agent.single_core import use_one_core
 from device_agent.state import DeviceState, MapWalkTold, Phrase
@@ -130,6 +130,8 @@ class _Kept:
     revision: int
     calibration: Calibration
     consent: Consent
+    consent_stamp: tuple[int, int] | None
+    """Of its file, before that was read."""
     accesses: Accesses | None
     writable: bool
     troubles: list[str]
@@ -152,16 +154,32 @@ def _kept(options: DeviceOptions, store: DeviceStore) -> _Kept:
         )  # fmt: skip
         troubles.append(f"{error_of_calibration} Until then {runs}.")
     calibration = Calibration() if stored is None else stored.calibration
-    consent, accesses = NOTHING_SHARED, None
-    with contextlib.suppress(InputError):
-        consent = store.load_consent(_default_consent(options))
+    consent_stamp = store.consent_stamp()
+    consent, accesses = _consent(options, store), None
     with contextlib.suppress(InputError):
         accesses = store.load_accesses(time.time())
-    return _Kept(settings.changed(options.changes), revision, calibration, consent, accesses, writable, troubles)
+    return _Kept(
+        settings.changed(options.changes), revision, calibration, consent, consent_stamp, accesses, writable, troubles
+    )
 
 
 def _default_consent(options: DeviceOptions) -> Consent:
-    return Consent(walks=options.shares_walks)
+    return Consent(walks=options.shares_walks, version=0)
+
+
+def _consent(options: DeviceOptions, store: DeviceStore) -> Consent:
+    """Return what is shared. Where nobody has said it, this start's own default is kept: `vbr consent` shows it."""
+    default = _default_consent(options)
+    try:
+        kept = store.load_consent(default)
+    except InputError:
+        return NOTHING_SHARED
+    if kept.version > 0:
+        return kept
+    with contextlib.suppress(OSError):
+        # Told already, where the folder cannot be written.
+        return store.change_consent(lambda kept: default if kept.version == 0 else kept, default)
+    return default
 
 
 def _take_up_privacy(
@@ -170,7 +188,7 @@ def _take_up_privacy(
     """Let the walker hear who has looked, also before there is a link; and heed what is said by ``vbr consent``."""
     if kept.accesses is not None:
         agent.submit(kept.accesses)
-    watch = ConsentWatch(store, _default_consent(options), agent.submit)
+    watch = ConsentWatch(store, _default_consent(options), agent.submit, kept.consent_stamp)
     stack.callback(watch.stop)
     watch.start()
 
@@ -232,6 +250,7 @@ def _tap(options: DeviceOptions, uplink: Uplink, stack: ExitStack) -> Tap:
     recorder = WalkRecorder(options.record)
     if isinstance(uplink, ConsoleLink):
         recorder.files.on_finished = uplink.recording_waits
+        uplink.open_walk = lambda: recorder.files.path
     stack.callback(recorder.close)
     recorder.start()
     return recorder
@@ -257,18 +276,10 @@ def _link(
     options: DeviceOptions, store: DeviceStore, kept: _Kept, journal: EventJournal, clock: Clock, stack: ExitStack
 ) -> ConsoleLink:
     assert options.console_url is not None, "a journal is kept for a console alone"
-
-    def shares_walks() -> bool:
-        try:
-            return store.load_consent(_default_consent(options)).walks
-        except InputError:
-            # Told where consent is watched.
-            return False
-
     settings = LinkSettings(
         options.console_url, options.token, staging_folder(options.site), options.tls,
         seed=zlib.crc32(options.device_id.encode()), map_walks=options.map_walks,
-        walks=options.record.folder if options.record is not None else None, shares_walks=shares_walks,
+        walks=options.record.folder if options.record is not None else None,
     )  # fmt: skip
     link = ConsoleLink(settings, journal, clock)
     if kept.writable:

@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import json
 import logging
 import os
 import shlex
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 
 from device_agent.link_state import LinkState
-from device_agent.sharing import DEFAULT_CONSENT, Consent
+from device_agent.sharing import DEFAULT_CONSENT, NOTHING_SHARED, Consent, shared_by_both
 from navcore.errors import InputError, SettingError, SiteError
 from navcore.folder_swap import keep_aside, swap_in, sync_tree
 from navcore.planning.poi_graph import PoiGraph
@@ -124,9 +126,31 @@ class DeviceStore:
             ) from error
 
     def save_consent(self, consent: Consent) -> None:
-        """Keep what the walker shares. Raises OSError."""
+        """Keep what the walker shares. Raises OSError.
+
+        Where another process has said something else meanwhile, neither undoes the other: what both allow is kept.
+        """
+
+        def merged(kept: Consent) -> Consent:
+            return consent if kept.version < consent.version or kept == consent else shared_by_both(kept, consent)
+
+        self.change_consent(merged)
+
+    def change_consent(self, changed: Callable[[Consent], Consent], default: Consent = DEFAULT_CONSENT) -> Consent:
+        """Keep what ``changed`` makes of what is shared, with nobody writing between, and return it. Raises OSError.
+
+        What cannot be read shares nothing; ``default`` holds where nothing was ever stored, and is then kept as well.
+        """
         self.state_folder.mkdir(parents=True, exist_ok=True)
-        write_whole(self._consent_path, msgspec.json.encode(consent))
+        with (self.state_folder / "consent.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            try:
+                kept = self.load_consent(default)
+            except InputError:
+                kept = NOTHING_SHARED
+            consent = changed(kept)
+            write_whole(self._consent_path, msgspec.json.encode(consent))
+        return consent
 
     def load_accesses(self, now_s: float) -> Accesses | None:
         """Return who has watched, and looked at what is kept, as it was told last, at ``now_s`` (Unix time); or None.

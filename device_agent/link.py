@@ -12,6 +12,7 @@ import contextlib
 import logging
 import threading
 from collections.abc import Awaitable, Callable
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -40,13 +41,16 @@ from navcore.wire import (
     EventConfirmed,
     MapAvailable,
     MapWalkSeen,
+    Order,
     Ping,
     Pong,
+    SharingRunning,
     WalkerState,
     Welcome,
     decode_from_console,
     decode_welcome,
     encode,
+    expired_text,
 )
 from navcore.wire_row import Delivery
 
@@ -85,6 +89,8 @@ class ConsoleLink:
         """Replaced as a whole: any thread may read it."""
         self.on_link_state: Callable[[LinkState], None] = lambda state: None
         """Called in the link's thread when the link stands otherwise, or the clocks' offset is another."""
+        self.open_walk: Callable[[], Path | None] = lambda: None
+        """Tells which file of a walk is being written; set before the start."""
         self._loop = asyncio.new_event_loop()
         self._something_to_send = asyncio.Event()
         self._something_to_upload = asyncio.Event()
@@ -116,6 +122,8 @@ class ConsoleLink:
     def message(self, message: KeptMessage) -> None:
         """Hand over a message that is kept until it is sent."""
         self._outbox.keep(message)
+        if isinstance(message, SharingRunning) and message.walks:
+            self.recording_waits()
 
     def event(self, stamp_s: float, kind: EventKind, text: str) -> None:
         """Hand over an event that is kept until it is confirmed."""
@@ -127,7 +135,8 @@ class ConsoleLink:
         self._device = device
         self._maps = MapIntake(self._settings, device, self.message, self._pause_s, self._wait)
         self._uploads = RecordingUploads(
-            self._settings, self._something_to_upload, self._until_quiet, self._pause_s, self._wait, device.submit
+            self._settings, self._something_to_upload, self._until_quiet, self._pause_s, self._wait, device.submit,
+            self._outbox.shares_walks, self.open_walk,
         )  # fmt: skip
         self._thread.start()
 
@@ -409,9 +418,18 @@ class ConsoleLink:
                 return self._maps.take(message)
             case Welcome():
                 raise WireError("The console said welcome twice: use the same version on both sides.")
+            case Order(expires_s=float(expires_s)):
+                self._take_order(message, expires_s - self._clock.now_s())
             case _:
                 self._device.submit(message)
         return None
+
+    def _take_order(self, order: Order, holds_s: float) -> None:
+        """Hand on what somebody asked for just now; a device that stood still finds old orders in its socket."""
+        if holds_s < 0.0:
+            self._happened(expired_text(order))
+        else:
+            self._device.submit(order, holds_s)
 
     def _note_clocks(self, ping: Ping) -> None:
         before_s, offset_s, uncertainty_s = self.link_state.clock_offset_s, ping.offset_s, ping.uncertainty_s

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import math
 import ssl
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
@@ -25,8 +25,8 @@ class LinkedDevice(Protocol):
         """Return who calls and what it runs."""
         ...
 
-    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands) -> None:
-        """Take an order; it is carried out between two frames."""
+    def submit(self, order: ConsoleMessage | MapWalkTold | LinkStands, holds_s: float = math.inf) -> None:
+        """Take an order; it is carried out between two frames, within ``holds_s`` or not at all."""
         ...
 
     def map_arrived(self, staging: Path, checksum: str) -> None:
@@ -55,5 +55,3 @@ class LinkSettings:
     """Folder of the map walks, whose recordings go to the console's machine; None where there are none."""
     walks: Path | None = None
     """Folder of the recorded walks; None where none are recorded."""
-    shares_walks: Callable[[], bool] = bool
-    """Whether the walker shares them with the console just now; asked before each is sent."""

@@ -114,10 +114,7 @@ def meaning_of(purpose: Mode, button: Button, kind: PressKind) -> Meaning:
 def _answer(state: DeviceState, press: ButtonPress, now_s: float) -> bool | None:
     """Return what a press says to who asks for pictures, or sees them; None where it says nothing to them."""
     allowed = ANSWERS.get((press.button, press.kind))
-    if allowed is None or not can_answer(state, now_s):
-        return None
-    # What is allowed already is not allowed again: *next* means what it always does.
-    return None if allowed and state.privacy.question is None else allowed
+    return allowed if allowed is not None and can_answer(state, allowed, now_s) else None
 
 
 def _stays_open(state: DeviceState, menu: Menu, now_s: float) -> bool:
@@ -154,7 +151,7 @@ def _browse(state: DeviceState, now_s: float, step: int = 0) -> Step:
     by: Literal["distance", "name"] = "distance" if _pose(state) else "name"
     if menu is not None:
         by = "distance" if menu.by == "distance" else "name"
-    pois = places(state, by)
+    pois = _listed(state, menu) if menu is not None else places(state, by)
     if not pois:
         return replace(state, menu=None), (Notice(TEXTS[state.settings.cues.language]["menu_empty"], answers=True),)
     ids = [poi.id for poi in pois]
@@ -163,7 +160,20 @@ def _browse(state: DeviceState, now_s: float, step: int = 0) -> Step:
         at = len(pois) - 1 if step < 0 else 0
     else:
         at = (ids.index(menu.entry_id) + step) % len(pois)
-    return _named(replace(state, menu=Menu(ids[at], by, now_s + OPEN_FOR_S)), pois, at, opened=menu is None)
+    return _named(_opened_at(state, by, pois, at, now_s), pois, at, opened=menu is None)
+
+
+def _listed(state: DeviceState, menu: Menu) -> tuple[Poi, ...]:
+    """Return the places of the open list in its own order, without those that a newer graph has no more."""
+    there = {poi.id: poi for poi in places(state, "name")}
+    return tuple(there[key] for key in menu.listed if key in there)
+
+
+def _opened_at(
+    state: DeviceState, by: Literal["distance", "name"], pois: tuple[Poi, ...], at: int, now_s: float
+) -> DeviceState:
+    listed = tuple(poi.id for poi in pois)
+    return replace(state, menu=Menu(listed[at], by, now_s + OPEN_FOR_S, listed))
 
 
 def _changed_order(state: DeviceState, now_s: float) -> Step:
@@ -176,7 +186,7 @@ def _changed_order(state: DeviceState, now_s: float) -> Step:
     pois = places(state, by)
     if not pois:
         return _browse(state, now_s)
-    return _named(replace(state, menu=Menu(pois[0].id, by, now_s + OPEN_FOR_S)), pois, 0, opened=True)
+    return _named(_opened_at(state, by, pois, 0, now_s), pois, 0, opened=True)
 
 
 _BROWSE: dict[Browse, Callable[[DeviceState, float], Step]] = {

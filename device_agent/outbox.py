@@ -4,7 +4,8 @@ What is kept goes in order; of states, of what a map walk sees, and of pictures 
 message table allows (:data:`navcore.wire.MESSAGES`). Nothing here grows without bound, and no method waits.
 
 No picture leaves the device but by here, and none that the walker does not share: what was told to the console of it
-last (:class:`~navcore.wire.SharingRunning`) decides, and before it was told, nothing goes.
+last (:class:`~navcore.wire.SharingRunning`) decides, and before it was told, nothing goes. Recordings of walks ask here
+as well (:meth:`Outbox.shares_walks`).
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ class Outbox:
         self._frames: dict[type[ImageMessage], Frame] = {}
         self._frame_paces = {kind: _pace_of(kind) for kind in (DepthImage, ColourImage)}
         self._shared: frozenset[type[ImageMessage]] = frozenset()
+        self._shares_walks = False
 
     def keep(self, message: KeptMessage) -> None:
         """Add a message that is kept until it is sent, and of which the newest of its kind is sent at each joining."""
@@ -68,8 +70,13 @@ class Outbox:
             self._latest[type(message)] = message
             if isinstance(message, SharingRunning):
                 self._shared = _shared_by(message)
+                self._shares_walks = message.walks
                 self._frames = {kind: frame for kind, frame in self._frames.items() if kind in self._shared}
         self.on_filled()
+
+    def shares_walks(self) -> bool:
+        """Whether the walker shares recordings of walks just now."""
+        return self._shares_walks
 
     def offer(self, message: Newest) -> None:
         """Replace the message of this kind that is not sent yet."""

@@ -1,7 +1,7 @@
 """Who sees the walker, told to them; and what they allow. Pure: steps from one frozen state to the next.
 
-Nothing here ever speaks over an instruction: its cues have the lowest priority, and each sentence is said again until
-it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
+Nothing here ever speaks over an instruction: its cues have the lowest priority, and wait for a gap between other words
+that is long enough. A sentence that is cut off all the same is said again after a while, until it has been heard whole. A question that nobody answers is refused; what was allowed ends by itself, with the link, and
 with the one who asked.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from device_agent.sharing import ColourShown, Consent, LinkStands, Privacy, Question, Saying
+from device_agent.sharing import ColourShown, Consent, LinkStands, Privacy, Question, Saying, shared_by_both
 from device_agent.state import (
     DeviceState,
     Effect,
@@ -26,13 +26,16 @@ from navcore.cues.synthesis import colour_sign_cue
 from navcore.cues.table import Cue, CueKind, is_said
 from navcore.cues.texts import TEXTS, speech_duration_s
 from navcore.modes import Mode
+from navcore.types import Action
 from navcore.wire import Accesses, AskColour, SharingRunning, Watchers
 
 ANSWER_WITHIN_S = 30.0
 COLOUR_FOR_S = 60.0
 SIGN_EVERY_S = 5.0
-SAID_AGAIN_AFTER_S = 20.0
-"""A sentence that has not been begun for so long is offered anew: the voice has forgotten it."""
+SAID_AGAIN_AFTER_S = 10.0
+"""So long after a sentence was cut off, or found no gap after all, it is tried again: half sentences only disturb."""
+GAP_S = 1.0
+"""Nothing is begun before it has been silent for so long: of words, and of tones that steer."""
 _QUESTION_OVER = Outdated(frozenset({CueKind.CONSENT}))
 PrivacyOrder = Watchers | AskColour | Accesses | LinkStands | Consent
 
@@ -58,9 +61,15 @@ def taken(state: DeviceState, order: PrivacyOrder, now_s: float) -> Step:
             known = replace(privacy, accesses=order, wall_offset_s=order.now_s - now_s)
             return _with(state, known), (StoreAccesses(order),)
         case Consent():
-            return _consented(state, order)
+            return _heard_of_consent(state, order)
         case AskColour():
             return _asked(state, order, now_s)
+
+
+def consented(state: DeviceState, consent: Consent) -> Step:
+    """The walker changes what they share; it is kept."""
+    state = _with(state, replace(state.privacy, consent=replace(consent, version=state.privacy.consent.version + 1)))
+    return state, (StoreConsent(state.privacy.consent), *_told_of_consent(state))
 
 
 def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
@@ -82,10 +91,17 @@ def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
     )
 
 
-def can_answer(state: DeviceState, now_s: float) -> bool:
-    """Whether there is a question to be answered, or something allowed that could be ended."""
+def can_answer(state: DeviceState, allowed: bool, now_s: float) -> bool:
+    """Whether a press can be a *yes* (``allowed``) or a *no*: to a question, or to what is allowed already.
+
+    *Yes* is said only by who has heard the whole question; *no* by who has begun to. Until then a press means what it
+    always does: nobody allows, or refuses, what they do not know of.
+    """
     question = state.privacy.question
-    return (question is not None and now_s <= question.until_s) or state.privacy.colour is not None
+    if question is None:
+        # What is allowed already is not allowed again: *next* means what it always does.
+        return state.privacy.colour is not None and not allowed
+    return now_s <= question.until_s and (question.heard if allowed else question.begun)
 
 
 def passed(state: DeviceState, now_s: float) -> Step:
@@ -112,13 +128,16 @@ def heard(state: DeviceState, cues: tuple[Cue, ...]) -> DeviceState:
     privacy = state.privacy
     for cue in cues:
         saying, colour = privacy.saying, privacy.colour
+        said_s = speech_duration_s(cue.text, state.settings.cues.language) if cue.text else 0.0
+        if _cuts_off(cue):
+            privacy = replace(privacy, words_until_s=cue.stamp_s + cue.duration_s + said_s)
         if cue.kind is CueKind.COLOUR_SIGN and colour is not None:
             privacy = replace(privacy, colour=replace(colour, sign_due_s=cue.stamp_s + SIGN_EVERY_S))
         elif saying is not None and (cue.kind, cue.text) == (saying.kind, saying.text):
-            until_s = cue.stamp_s + speech_duration_s(cue.text, state.settings.cues.language)
-            privacy = replace(privacy, saying=replace(saying, until_s=until_s))
+            privacy = replace(privacy, saying=replace(saying, until_s=cue.stamp_s + said_s))
+            if privacy.question is not None and saying.kind is CueKind.CONSENT:
+                privacy = replace(privacy, question=replace(privacy.question, begun=True))
         elif saying is not None and saying.until_s is not None and cue.stamp_s < saying.until_s and _cuts_off(cue):
-            # The voice says it again by itself, as long as it remembers.
             privacy = replace(privacy, saying=replace(saying, until_s=None, offered_s=cue.stamp_s))
     return state if privacy is state.privacy else _with(state, privacy)
 
@@ -148,13 +167,28 @@ def _with(state: DeviceState, privacy: Privacy) -> DeviceState:
     return replace(state, privacy=privacy)
 
 
-def _consented(state: DeviceState, consent: Consent) -> Step:
-    if consent == state.privacy.consent:
+def _heard_of_consent(state: DeviceState, consent: Consent) -> Step:
+    """Take up what was kept by others, where it is newer than what the walker said last, which may wait for the disk.
+
+    What nobody has said (the file is gone, or cannot be read) never lets anything be shared that was not.
+    """
+    known, is_said = state.privacy.consent, consent.version > 0
+    if not is_said:
+        consent = shared_by_both(known, consent)
+    elif consent.version <= known.version:
+        return state, ()
+    is_same = (consent.silhouettes, consent.walks) == (known.silhouettes, known.walks)
+    if is_same and not is_said:
         return state, ()
     state = _with(state, replace(state.privacy, consent=consent))
+    stored = () if is_said else (StoreConsent(consent),)
+    return state, stored if is_same else (*stored, *_told_of_consent(state))
+
+
+def _told_of_consent(state: DeviceState) -> tuple[Effect, ...]:
+    consent = state.privacy.consent
     said = [f"depth pictures: {_yes(consent.silhouettes)}", f"recordings of walks: {_yes(consent.walks)}"]
-    happened = Happened("privacy", f"The walker shares now: {', '.join(said)}.")
-    return state, (StoreConsent(consent), happened, sharing_of(state.privacy))
+    return Happened("privacy", f"The walker shares now: {', '.join(said)}."), sharing_of(state.privacy)
 
 
 def _yes(value: bool) -> str:
@@ -250,7 +284,25 @@ def _say_next(state: DeviceState, now_s: float) -> Step:
     if not is_said(wanted.kind, state.settings.cues.verbosity):
         state, told = _told(state, wanted.names)
         return state, (*effects, *told)
+    if not _is_gap(state, wanted.text, now_s):
+        return state, tuple(effects)
     return _with(state, replace(state.privacy, saying=wanted)), (*effects, Notice(wanted.text, kind=wanted.kind))
+
+
+def _is_gap(state: DeviceState, text: str, now_s: float) -> bool:
+    """Whether it is silent, and no turn is due before the sentence has been heard."""
+    if now_s - state.privacy.words_until_s < GAP_S:
+        return False
+    guidance = state.guidance
+    if guidance is None or not state.on_the_way:
+        return True
+    if guidance.action is Action.TURN:
+        return False
+    corner = guidance.trace.corner
+    if corner is None or guidance.action is Action.STOP:
+        return True
+    heard_m = guidance.trace.speed_m_s * (speech_duration_s(text, state.settings.cues.language) + GAP_S)
+    return corner.distance_m - corner.turn_m > heard_m
 
 
 def _wanted(state: DeviceState, now_s: float) -> Saying | None:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
-from device_agent.privacy import taken, watching_now, who_has_looked
+from device_agent.privacy import consented, watching_now, who_has_looked
 from device_agent.sharing import Consent
 from device_agent.state import DeviceState, Menu, Notice, Step
 from navcore.cues.texts import TEXTS
@@ -32,7 +32,7 @@ def _shared(what: Shared) -> PrivacyEntry:
 
     def turned(state: DeviceState, now_s: float) -> Step:
         consent: Consent = state.privacy.consent
-        state, effects = taken(state, replace(consent, **{what: not getattr(consent, what)}), now_s)
+        state, effects = consented(state, replace(consent, **{what: not getattr(consent, what)}))
         return state, (Notice(said(state), answers=True), *effects)
 
     return PrivacyEntry(said, turned)

@@ -30,6 +30,10 @@ class RecordingQueue(Protocol):
 
     kind: RecordingKind
 
+    def may_go(self) -> bool:
+        """Whether recordings of this kind may leave the device just now; asked before each piece, reads no disk."""
+        ...
+
     def waiting(self) -> tuple[Path, ...]:
         """Return those that wait, oldest first."""
         ...
@@ -58,6 +62,10 @@ class MapWalkQueue:
     def __init__(self, folder: Path) -> None:
         """``folder`` holds the map walks."""
         self._folder = folder
+
+    def may_go(self) -> bool:
+        """Handing them over has said so."""
+        return True
 
     def waiting(self) -> tuple[Path, ...]:
         """Return those that wait, oldest first."""
@@ -90,16 +98,25 @@ class WalkQueue:
 
     kind: RecordingKind = "walk"
 
-    def __init__(self, folder: Path, is_shared: Callable[[], bool]) -> None:
-        """``folder`` is where the recorder writes; ``is_shared`` tells whether the walker shares them just now."""
-        self._folder, self._is_shared = folder, is_shared
+    def __init__(
+        self, folder: Path, is_shared: Callable[[], bool], open_file: Callable[[], Path | None] = lambda: None
+    ) -> None:
+        """``folder`` is where the recorder writes, and ``open_file`` tells which of its files it writes just now.
+
+        ``is_shared`` tells whether the walker shares them just now.
+        """
+        self._folder, self._is_shared, self._open_file = folder, is_shared, open_file
+
+    def may_go(self) -> bool:
+        """Whether the walker shares them."""
+        return self._is_shared()
 
     def waiting(self) -> tuple[Path, ...]:
         """Return the files of walks that are complete, or that nobody completes any more, oldest first.
 
         None wait while the walker shares none.
         """
-        if not self._is_shared():
+        if not self.may_go():
             return ()
         try:
             files = parts_in(self._folder)
@@ -107,8 +124,11 @@ class WalkQueue:
             # Nothing was recorded yet.
             return ()
         settled = self._settled()
-        waiting = [path for path in files if path.name not in settled]
-        return tuple(path for path in waiting if (path != files[-1] or _is_complete(path)) and _is_walk(path))
+        # Asked after the files were listed: none of them is begun later. Their names tell nothing of it, for a device
+        # without a clock of its own begins in 1970 until the network tells it the time.
+        open_name = None if (path := self._open_file()) is None else path.name
+        waiting = [path for path in files if path.name not in settled and path.name != open_name]
+        return tuple(path for path in waiting if _is_walk(path))
 
     def archive(self, recording: Path) -> RecordingArchive:
         """Return one as it is."""
@@ -136,14 +156,6 @@ class WalkQueue:
             # Everything is offered again; the console says at once what it has already.
             _log.warning("%s is passed over, for it cannot be read: %s", path, error)
             return {}
-
-
-def _is_complete(path: Path) -> bool:
-    """Say whether a file has its index: the one that is being written has none."""
-    try:
-        return WalkFile(path).length_s() is not None
-    except InputError:
-        return False
 
 
 def _is_walk(path: Path) -> bool:

@@ -25,6 +25,10 @@ ATTEMPTS_PER_TURN = 3
 _log = logging.getLogger(__name__)
 
 
+class _WithdrawnError(VbrError):
+    """The walker does not share it any more; it waits until they do."""
+
+
 class RecordingUploads:
     """Works in the link's event loop. What waits is on the disk: a device that is killed goes on at its next start."""
 
@@ -36,6 +40,8 @@ class RecordingUploads:
         pause_s: Callable[[int], float],
         wait: Callable[[float], Awaitable[None]],
         tell: Callable[[MapWalkTold], None],
+        shares_walks: Callable[[], bool],
+        open_walk: Callable[[], Path | None] = lambda: None,
     ) -> None:
         """Put it together.
 
@@ -46,12 +52,14 @@ class RecordingUploads:
             pause_s: how long to wait after so many failures in a row.
             wait: waits.
             tell: hears what is to be said.
+            shares_walks: whether the walker shares recorded walks just now; asked before each piece.
+            open_walk: the file of a walk that is being written just now.
         """
         self._queues: list[RecordingQueue] = []
         if settings.map_walks is not None:
             self._queues.append(MapWalkQueue(settings.map_walks))
         if settings.walks is not None:
-            self._queues.append(WalkQueue(settings.walks, settings.shares_walks))
+            self._queues.append(WalkQueue(settings.walks, shares_walks, open_walk))
         self._console = MapSource(settings.url, settings.token, settings.tls)
         self._waits, self._until_quiet = waits, until_quiet
         self._pause_s, self._wait, self._tell = pause_s, wait, tell
@@ -75,6 +83,9 @@ class RecordingUploads:
         try:
             if not await self._sent_in_turn(queue, recording):
                 return False
+        except _WithdrawnError as error:
+            _log.info("%s", error)
+            return True
         except Exception as error:
             # Whatever is wrong with one, the others are sent, and it stays where it is.
             failure = str(error)[:500] or type(error).__name__
@@ -91,16 +102,22 @@ class RecordingUploads:
 
     async def _sent_in_turn(self, queue: RecordingQueue, recording: Path) -> bool:
         """Send a recording; False where it was interrupted as often as the others can wait for."""
-        await self._until_quiet()
+
+        async def until_quiet() -> None:
+            await self._until_quiet()
+            if not queue.may_go():
+                raise _WithdrawnError(f"{recording.name} stays here: the walker does not share it.")
+
+        await until_quiet()
         archive = await asyncio.to_thread(queue.archive, recording)
         if recording not in self._checksums:
-            self._checksums[recording] = await self._checksum(archive)
+            self._checksums[recording] = await _checksum(archive, until_quiet)
         date = await asyncio.to_thread(queue.date, recording)
         name = recording.stem[:120]
         offer = RecordingOffer(queue.kind, name, archive.size_bytes, self._checksums[recording], date)
         for _ in range(ATTEMPTS_PER_TURN):
             try:
-                await send_recording(archive, offer, self._console, self._until_quiet)
+                await send_recording(archive, offer, self._console, until_quiet)
                 return True
             except InterruptedUploadError as error:
                 self._failures[recording] += 1
@@ -108,10 +125,11 @@ class RecordingUploads:
                 await self._wait(self._pause_s(self._failures[recording]))
         return False
 
-    async def _checksum(self, archive: RecordingArchive) -> str:
-        """Read all of a recording as it would be sent: behind what is more urgent, and given up between two pieces."""
-        hashing = archive.hashing()
-        while True:
-            await self._until_quiet()
-            if (sha256 := await unhurried(asyncio.to_thread(hashing))) is not None:
-                return sha256
+
+async def _checksum(archive: RecordingArchive, until_quiet: Callable[[], Awaitable[None]]) -> str:
+    """Read all of a recording as it would be sent: behind what is more urgent, and given up between two pieces."""
+    hashing = archive.hashing()
+    while True:
+        await until_quiet()
+        if (sha256 := await unhurried(asyncio.to_thread(hashing))) is not None:
+            return sha256

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from navcore.cues.table import CueKind
@@ -16,10 +17,21 @@ class Consent:
     """Depth images: shapes, no colours of people or places."""
     walks: bool = False
     """Recordings of walks."""
+    version: int = 1
+    """Grows with each change, by ear or by ``vbr consent``: an older one never undoes a newer one. 0: nobody has said
+    it."""
 
 
-DEFAULT_CONSENT = Consent()
+DEFAULT_CONSENT = Consent(version=0)
 """What is shared where the walker has said nothing."""
+NOTHING_SHARED = Consent(silhouettes=False, walks=False, version=0)
+
+
+def shared_by_both(one: Consent, other: Consent) -> Consent:
+    """Return what two allow that were said without knowing of each other, newer than both."""
+    return Consent(
+        one.silhouettes and other.silhouettes, one.walks and other.walks, max(one.version, other.version) + 1
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +50,8 @@ class Question:
     why: str
     until_s: float
     """No answer until then is *no*."""
+    begun: bool = False
+    """The walker has begun to hear it."""
     heard: bool = False
     """It has been said without being cut off."""
 
@@ -85,6 +99,8 @@ class Privacy:
     """Who has watched, and who has looked at what is kept."""
     wall_offset_s: float = 0.0
     """Unix time minus the device's clock, as it was told with them."""
+    words_until_s: float = -math.inf
+    """When the last words, or the last steering tone, that the walker has heard were over."""
 
     @property
     def at_rest(self) -> bool:

@@ -13,7 +13,7 @@ from device_agent.sharing import Consent, Privacy
 from navcore.calibration import Calibration
 from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS, Language
-from navcore.modes import ON_THE_WAY, Mode
+from navcore.modes import LED, ON_THE_WAY, Mode
 from navcore.obstacle.approach import RecentScans
 from navcore.obstacle.facing import FacingWatch
 from navcore.obstacle.memory import ObstacleMemory
@@ -73,6 +73,8 @@ class Menu:
     by: Literal["distance", "name", "privacy"]
     until_s: float
     """Nobody remembers an open menu for ever: it closes by itself."""
+    listed: tuple[str, ...] = ()
+    """The places in the order in which they stood when the list was opened: whoever walks on finds them there again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,7 +181,7 @@ class DeviceState:
     @property
     def leading(self) -> bool:
         """Somebody is being led, even if they stand just now."""
-        return self.on_the_way or self.purpose is Mode.PAUSED
+        return self.purpose in LED
 
     @property
     def uses_its_map(self) -> bool:

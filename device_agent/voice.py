@@ -11,7 +11,7 @@ from device_agent.states import may_be_told
 from navcore.cues.bus import CueBus
 from navcore.cues.memory import AT_REST, CueMemory
 from navcore.cues.speech import cues_for, forget, repeat_last, say, sound
-from navcore.cues.table import Cue, CueKind
+from navcore.cues.table import ASIDES, Cue, CueKind
 from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.types import Action, DecisionTrace, Guidance, Reason, SonarState
@@ -37,7 +37,7 @@ class Voice:
         self._stops_heard = watchdog_stops()
         self._memory = AT_REST
         self.last_spoken: Cue | None = None
-        """The last cue with words."""
+        """The last cue with words, but for what is told beside guidance."""
 
     @property
     def memory(self) -> VoiceMemory:
@@ -106,6 +106,6 @@ class Voice:
                 # What could not be played was not heard: it is told anew as soon as it can be.
                 self._memory = replace(self._memory, told_action=None, bus=CueBus())
                 raise
-            if cue.text:
+            if cue.text and cue.kind not in ASIDES:
                 self.last_spoken = cue
         return heard

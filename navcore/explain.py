@@ -15,6 +15,7 @@ from navcore.angles import wrap_rad
 from navcore.decision_facts import Facts, facts_of, finite
 from navcore.decision_steps import Step, steps_of
 from navcore.decision_words import aside, degrees, inlined, metres, seconds
+from navcore.sonar_gap import sonar_gap_m
 from navcore.types import BearingState, Reason, Rule
 from navcore.wire import WalkerState
 
@@ -178,9 +179,10 @@ def _echo(facts: Facts) -> str:
     if echo_m is None or half_rad <= 0.0 or state.sonar_state != "ok":
         return heard
     cone = facts.cone(facts.trace.sonar_rad, half_rad)
-    if cone.nearest_m is not None and cone.nearest_m <= echo_m + _SAME_PLACE_M:
+    gap_m = sonar_gap_m(state.sonar_state, echo_m, cone.nearest_m, state.reason)
+    if gap_m is not None and cone.nearest_m is not None and gap_m <= _SAME_PLACE_M:
         return f"{heard}, and the depth camera sees something{_at(cone.nearest_m)}"
-    if not cone.is_known:
+    if gap_m is None or not cone.is_known:
         return f"{heard} where the depth camera cannot tell what is there"
     if cone.nearest_m is not None:
         return f"{heard} where the depth camera sees nothing nearer than {metres(cone.nearest_m)}: glass?"

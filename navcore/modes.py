@@ -32,6 +32,15 @@ class Mode(enum.StrEnum):
 ON_THE_WAY = frozenset({Mode.GUIDING, Mode.LOST})
 """Somebody is being led and goes on by themselves, as soon as the position is known and nothing has failed."""
 
+LED = ON_THE_WAY | {Mode.PAUSED}
+"""Somebody is being led, though they may have been told to stand for a while."""
+
+
+def is_led(mode: Mode, *, has_destination: bool) -> bool:
+    """Return whether somebody is being led. In a fault, which hides the state beneath it, a destination tells."""
+    return mode in LED or (mode is Mode.FAULT and has_destination)
+
+
 _LABELS = {
     Mode.OFF_DUTY: "Off duty",
     Mode.MAPPING: "Recording a map",

@@ -16,6 +16,14 @@ from navcore.planning.poi_graph import Poi, PoiGraph
 from navcore.planning.road_network import RoadNetwork
 from navcore.recording import Mark
 
+_MADE_NAME = re.compile(r"Junction (\d{1,6})")
+
+
+def is_made_name(name: str) -> bool:
+    """Say whether a place has a name that nobody gave it: that of a junction where nothing was named."""
+    return _MADE_NAME.fullmatch(name) is not None
+
+
 MAX_MARK_GAP_S = 1.0
 """A place that was named while the camera was not tracked for this long has no known position and is left out."""
 
@@ -80,7 +88,7 @@ def _at_junction(network: RoadNetwork, x_m: float, y_m: float) -> tuple[float, f
 
 def _with_junctions(graph: PoiGraph, network: RoadNetwork) -> PoiGraph:
     """Add a PoI where roads meet and nothing was named: without it, edges would lie upon each other."""
-    numbered = [re.fullmatch(r"Junction (\d{1,6})", poi.name) for poi in graph.pois.values()]
+    numbered = [_MADE_NAME.fullmatch(poi.name) for poi in graph.pois.values()]
     count = max((int(found[1]) for found in numbered if found), default=0)
     for vertex in network.junctions():
         x_m, y_m = (float(value) for value in network.vertices_m[vertex])

@@ -15,7 +15,7 @@ from typing import Annotated, Literal, TypeVar, cast
 import msgspec
 
 from navcore.errors import VersionError, WireError
-from navcore.modes import Mode
+from navcore.modes import Mode, is_led
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
 from navcore.wire_trace import DecisionTraceView, Finite, WireCandidate
@@ -29,6 +29,8 @@ a state tells how long the loop's stages take, and what is left out where they t
 """
 PING_EVERY_S = 2.0
 """How often the console asks for the device's clock, once it has been told it a few times."""
+ORDER_HOLDS_S = 10.0
+"""What somebody asks for is carried out within this time or not at all: a device that was away may be elsewhere."""
 MAX_MESSAGE_BYTES = 4 << 20
 """No message is larger; most may be much less (see the table)."""
 
@@ -121,6 +123,11 @@ class WalkerState(_Message, frozen=True, tag="state"):
     is_charging: bool | None = None
     temperature_c: Finite | None = None
     """Of the hottest part that the device measures; None where it measures none."""
+
+    @property
+    def leads_somebody(self) -> bool:
+        """Whether somebody is being led, though they may stand just now."""
+        return is_led(self.mode, has_destination=self.destination_id is not None)
 
 
 class DepthImage(_Message, frozen=True, tag="depth_image"):
@@ -256,37 +263,48 @@ class Welcome(_Message, frozen=True, tag="welcome"):
     """The last event of this device that the console has stored."""
 
 
-class SetDestination(_Message, frozen=True, tag="set_destination"):
+class Order(_Message, frozen=True, kw_only=True):
+    """Something that a person asks for now, and that is not to happen when nobody expects it any more."""
+
+    order_id: Count = 0
+    """Names this order, where the device says that it came too late."""
+    expires_s: Finite | None = None
+    """When it is no longer carried out, on the device's clock; None where the clocks have not been compared."""
+
+
+class SetDestination(Order, frozen=True, tag="set_destination"):
     """Lead the walker to a PoI."""
 
     poi_id: ShortText
+    who: ShortText = ""
+    """Who asks for it: the walker hears the name."""
 
 
-class ClearDestination(_Message, frozen=True, tag="clear_destination"):
+class ClearDestination(Order, frozen=True, tag="clear_destination"):
     """Stop leading."""
 
 
-class Pause(_Message, frozen=True, tag="pause"):
+class Pause(Order, frozen=True, tag="pause"):
     """Hold guidance: the walker stands."""
 
 
-class Resume(_Message, frozen=True, tag="resume"):
+class Resume(Order, frozen=True, tag="resume"):
     """Go on after a pause."""
 
 
-class BeginMapWalk(_Message, frozen=True, tag="begin_map_walk"):
+class BeginMapWalk(Order, frozen=True, tag="begin_map_walk"):
     """Record a map walk, where nobody is led; a sighted person wears the glasses."""
 
 
-class EndMapWalk(_Message, frozen=True, tag="end_map_walk"):
+class EndMapWalk(Order, frozen=True, tag="end_map_walk"):
     """End the map walk; its recording is completed."""
 
 
-class Repeat(_Message, frozen=True, tag="repeat"):
+class Repeat(Order, frozen=True, tag="repeat"):
     """Say the last sentence again."""
 
 
-class Say(_Message, frozen=True, tag="say"):
+class Say(Order, frozen=True, tag="say"):
     """Speak a sentence to the walker."""
 
     text: Text
@@ -298,7 +316,7 @@ class Watchers(_Message, frozen=True, tag="watchers"):
     names: Names
 
 
-class AskColour(_Message, frozen=True, tag="ask_colour"):
+class AskColour(Order, frozen=True, tag="ask_colour"):
     """Ask the walker to let somebody see colour pictures for a minute."""
 
     request_id: Count
@@ -331,14 +349,20 @@ class Accesses(_Message, frozen=True, tag="accesses"):
 
 
 class ApplySettings(_Message, frozen=True, tag="apply_settings"):
-    """Run these settings: all of them or, where one is refused, none."""
+    """Change these settings: all of them or, where one is refused, none; the others stay as they are."""
 
     revision: Count
     values: dict[str, float | int | bool | str]
+    """Those that change."""
     revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
-    """The settings before run again after this time unless these are kept; 0: these are kept at once."""
+    """The settings before run again after this time unless these are kept; 0: these are kept at once, but what safety
+    hangs on is tried out all the same, for as long as the device has it tried out by itself."""
     override_reason: Text = ""
     """Why what safety hangs on is changed though somebody is being led; empty: then it is refused."""
+    base_revision: Count | None = None
+    """They are changes of this revision, and refused where another one runs by now; None: of whatever runs."""
+    kept_before: bool = False
+    """The device ran these and somebody kept them, but it has lost them: they are not tried out again."""
 
 
 class KeepSettings(_Message, frozen=True, tag="keep_settings"):
@@ -402,25 +426,25 @@ _ROWS = (
     MessageRow(SharingRunning, _UP, 6, "on change", None, 2, Delivery.KEPT, 8 * _KIB),
     MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
     MessageRow(Event, _UP, 6, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
-    MessageRow(WalkerState, _UP, 6, "after each cycle", 10.0, 4, Delivery.NEWEST, 64 * _KIB),
+    MessageRow(WalkerState, _UP, 6, "after each cycle", 20.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
     MessageRow(DepthImage, _UP, 1, "after each cycle", 2.0, 5, Delivery.SPARE, 256 * _KIB),
     MessageRow(ColourImage, _UP, 6, "while it is allowed", 1.0, 6, Delivery.SPARE, 128 * _KIB),
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
-    MessageRow(SetDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
-    MessageRow(ClearDestination, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Pause, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Resume, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Repeat, _DOWN, 2, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(BeginMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(EndMapWalk, _DOWN, 4, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Say, _DOWN, 1, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(SetDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Pause, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Resume, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Repeat, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(BeginMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(EndMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Say, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(AskColour, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(Watchers, _DOWN, 6, "on change", None, 2, Delivery.KEPT, 16 * _KIB),
     MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
-    MessageRow(ApplySettings, _DOWN, 1, "when somebody acts", None, 3, Delivery.OFFER, 64 * _KIB),
+    MessageRow(ApplySettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 64 * _KIB),
     MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(Accesses, _DOWN, 6, "on change", None, 4, Delivery.KEPT, 32 * _KIB),
     MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),
@@ -448,6 +472,17 @@ def encode(message: DeviceMessage | ConsoleMessage) -> bytes:
     data = _encoder.encode(message)
     _refuse_larger(len(data), MESSAGES[type(message)].max_bytes, type(message).__name__)
     return data
+
+
+def expired_text(order: Order) -> str:
+    """Return the text of the event that tells that an order came too late."""
+    tag = str(order.__struct_config__.tag)
+    return f"Order {order.order_id} came too late and is not carried out: {tag.replace('_', ' ')}."
+
+
+def tells_expired(event: Event, order_id: int) -> bool:
+    """Return whether an event tells that this order came too late."""
+    return event.kind == "link" and event.text.startswith(f"Order {order_id} came too late ")
 
 
 def decode_from_device(data: bytes) -> DeviceMessage:

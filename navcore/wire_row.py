@@ -24,7 +24,7 @@ class Delivery(enum.Enum):
     CONFIRMED = "kept on the device's disk until the console has confirmed it: in order, once"
     NEWEST = "the newest replaces the one that is not sent yet"
     SPARE = "the newest replaces the one before, and goes only when nothing else waits"
-    ORDER = "in order; one that meets a break is shown as unanswered, and is not carried out later"
+    ORDER = "in order; one that meets a break is shown as unanswered; after 10 s the device does not carry it out"
     OFFER = "offered again at each joining until the device runs it, or has refused it"
 
 

@@ -1,4 +1,4 @@
-"""How one decision came about, as the console is told: compact, for it goes out ten times a second.
+"""How one decision came about, as the console is told: compact, for it goes out after each cycle.
 
 All angles are relative to the heading, to the left, unless they say otherwise; all durations end at the state's stamp.
 Everything has a default, so that a recording that is older than a field can still be read.

@@ -10,15 +10,16 @@ import { attempt } from "./toast.js";
 const AGAIN_AFTER_MS = 1000;
 const SHOWN = 3;
 const SHOWN_S = 90;
+/** What went well needs nobody's attention any more. */
+const ACCEPTED_SHOWN_S = 15;
 const SLOW_S = 3;
-const LED = ["guiding", "lost", "paused", "fault"];
 
 export class Actions {
   /** Works the controls of the page Console. `placeName(id)` is a place of the map in words. */
   constructor({ mayEdit, placeName }) {
     Object.assign(this, { mayEdit, placeName, device: null, asked: new Map() });
     this.enableSentences = sentences($("sentences"), (text) => this.ask("say", { text }));
-    this.drawCommands = onChange((lines) => $("commands").replaceChildren(...lines.map(({ state, words }) => el("li", {}, commandBadge(state), el("span", {}, words)))));
+    this.drawCommands = onChange((lines) => $("commands").replaceChildren(...lines.map(({ state, words }) => el("li", { "data-state": state }, commandBadge(state), el("span", { title: words }, words)))));
     this.showDestinations = onChange((destinations) => drawDestinations(destinations));
     for (const what of ["pause", "resume", "repeat"]) $(what).addEventListener("click", () => this.ask(what));
     $("guide").addEventListener("click", () => this.ask("destination", { poi_id: $("destination").value }));
@@ -45,9 +46,9 @@ export class Actions {
   }
 
   async stopGuiding() {
-    const { id, name, state } = this.device;
+    const { id, name, state, leads_somebody } = this.device;
     const where = state?.destination_id ? ` to ${this.placeName(state.destination_id)}` : "";
-    const wanted = !LED.includes(state?.mode) || (await sure({
+    const wanted = !leads_somebody || (await sure({
       title: "Stop guiding?", text: `${name} is on the way${where}. The walker is told that guidance has ended, and stands without it.`,
       yes: "Stop guiding", no: "Go on guiding",
     }));
@@ -72,7 +73,7 @@ export class Actions {
     const note = device ? whyNot(device, fresh, linked, age_s) : "";
     $("act-note").hidden = !note;
     setText($("act-note"), note);
-    this.drawCommands((device?.commands ?? []).filter(({ kind, age_s: since_s }) => kind in WORDS && since_s + elapsed_s < SHOWN_S).slice(-SHOWN)
+    this.drawCommands((device?.commands ?? []).filter((command) => isShown(command, elapsed_s)).slice(-SHOWN)
       .map((command) => ({ state: command.state, words: this.words(command, elapsed_s) })));
   }
 
@@ -88,12 +89,18 @@ export class Actions {
 const WORDS = {
   begin_map_walk: () => "Begin a map walk", end_map_walk: () => "End the map walk", clear: () => "Stop guiding", pause: () => "Pause",
   resume: () => "Resume", repeat: () => "Repeat", set_destination: (place) => `Guide to ${place}`, say: (text) => `Say “${text}”`,
+  apply_settings: (revision) => `Apply settings, revision ${revision}`, keep_settings: (revision) => `Keep settings, revision ${revision}`,
+  give_up_settings: (revision) => `Go back from settings, revision ${revision}`,
 };
+
+function isShown({ kind, state, age_s }, elapsed_s) {
+  return kind in WORDS && age_s + elapsed_s < (state === "running" ? ACCEPTED_SHOWN_S : SHOWN_S);
+}
 
 /** Why nothing can be asked, or what to know before it is. */
 function whyNot(device, fresh, linked, age_s) {
   if (!linked) return "The console does not answer: nothing can be asked of the device until it is there again.";
-  if (!device.connected) return `${device.name} is not connected: nothing can be asked of it until it is back.`;
+  if (!device.connected) return "Nothing can be asked until it is back.";
   if (fresh === "stale" || fresh === "lost") {
     const seen = age_s === null ? "has sent nothing yet" : `was heard ${Math.round(age_s)} s ago`;
     return `${device.name} ${seen}: what you ask now may reach the walker late, or not at all.`;

@@ -1,5 +1,6 @@
 import { get, patch, post } from "./api.js";
 import { $, ago, badge, el, setText } from "./dom.js";
+import { sure } from "./form.js";
 import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
@@ -29,13 +30,25 @@ function personRow(user) {
   else if (!user.has_password) state = badge("info", "…", "invited");
   return el("tr", {}, el("th", { scope: "row" }, user.name), el("td", {}, role), el("td", {}, state), el("td", { class: "actions" },
     el("button", { type: "button", class: "plain slim", "aria-label": `New password link for ${user.name}`, onclick: () => newLink(user) }, "Password link"),
-    el("button", { type: "button", class: `plain slim ${user.disabled ? "" : "danger"}`, "aria-label": `${user.disabled ? "Unlock" : "Lock"} ${user.name}`, onclick: () => doing(() => patch(`/api/users/${user.id}`, { disabled: !user.disabled })) }, user.disabled ? "Unlock" : "Lock")));
+    el("button", { type: "button", class: `plain slim ${user.disabled ? "" : "danger"}`, "aria-label": `${user.disabled ? "Unlock" : "Lock"} ${user.name}`, onclick: () => lock(user) }, user.disabled ? "Unlock" : "Lock")));
+}
+
+async function lock(user) {
+  const wanted = user.disabled || (await sure({
+    title: `Lock ${user.name}?`, text: `${user.name} is signed out everywhere at once, and cannot sign in until an admin unlocks them.`, yes: "Lock",
+  }));
+  if (wanted) await doing(() => patch(`/api/users/${user.id}`, { disabled: !user.disabled }));
+}
+
+async function revokeToken({ name }) {
+  const text = `The device ${name} is cut off at once: nobody can watch its walker or speak to them, until the device is given a new token. It cannot be taken back.`;
+  if (await sure({ title: `Revoke the token of ${name}?`, text, yes: "Revoke" })) await doing(() => post("/api/tokens/revoke", { name }));
 }
 
 function tokenRow(token) {
   const seen = token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
   const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
-  const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => doing(() => post("/api/tokens/revoke", { name: token.name })) }, "Revoke");
+  const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => revokeToken(token) }, "Revoke");
   return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),
     el("td", { class: "actions" }, token.revoked ? "" : revoke));
 }

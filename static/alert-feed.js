@@ -1,6 +1,7 @@
 /* The alerts of all devices as they come from the console, for whatever shows them on a page: one stream for all. */
 
 import { isSignedOut, signInAgain } from "./api.js";
+import { PageClock } from "./page_clock.js";
 
 const RETRY_MS = [500, 1000, 2000, 4000];
 const SILENT_AFTER_S = 6;
@@ -9,7 +10,8 @@ const SIGNED_OUT = 4401;
 
 const listeners = new Set();
 let alerts = null;
-let receivedAt = performance.now(); // until then: when the page began to listen
+const clock = new PageClock(); // what came before the computer slept is as old as the sleep was long
+let receivedAt_s = clock.now_s(); // until then: when the page began to listen
 let failures = 0;
 let started = false;
 
@@ -46,7 +48,7 @@ function connect() {
 /** Take in what the console says: on the stream, or in answer to what somebody did here. */
 export function take(fresh) {
   alerts = fresh;
-  receivedAt = performance.now();
+  receivedAt_s = clock.now_s();
   tellAll();
 }
 
@@ -55,6 +57,6 @@ function tellAll() {
 }
 
 function tell(show) {
-  const elapsed_s = (performance.now() - receivedAt) / 1000;
+  const elapsed_s = clock.now_s() - receivedAt_s;
   show(alerts, elapsed_s, alerts !== null && elapsed_s < SILENT_AFTER_S);
 }

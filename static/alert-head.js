@@ -6,7 +6,7 @@ import { el, onChange, setText } from "./dom.js";
 
 export const MARKS = { high: ["bad", "▲"], medium: ["warn", "■"], low: ["info", "●"] };
 const WAITING = ["unacknowledged", "returned"];
-const SOUND_WORDS = { off: "Sound off", on: "Sound on", waiting: "Sound waits for a click" };
+const SOUND_WORDS = { off: "Sound off", on: "Sound on", waiting: "No sound yet" };
 const SOUND_LABELS = {
   off: "Sound of alerts is off: switch it on", on: "Sound of alerts is on: switch it off",
   waiting: "Sound of alerts waits until something is pressed on this page: press here",
@@ -15,6 +15,9 @@ const STARTING_S = 6;
 const title = document.title;
 const count = el("a", { id: "alert-count", href: "/alerts", class: "badge" });
 const toggle = el("button", { type: "button", class: "plain slim", id: "alert-sound", onclick: () => sound.set(sound.state !== "on") });
+const soundLine = el("div", { class: "people sound-line", id: "sound-line", role: "status", hidden: true },
+  el("span", {}, "The sound of alerts is switched on, but this browser keeps a page silent until something is pressed on it."),
+  el("button", { type: "button", class: "slim", onclick: () => sound.set(true) }, "Let alerts sound"));
 const said = el("p", { class: "visually-hidden", id: "alert-said", role: "alert" });
 const schedule = new SoundSchedule();
 let told = null;
@@ -24,6 +27,11 @@ export const sound = new AlertSound(showSound);
 /** What stands in the header; it says nothing until the console has told. */
 export function alertHead() {
   return el("div", { class: "alert-head" }, count, toggle, said);
+}
+
+/** A line below the header, where the sound of alerts is wanted and the browser does not let it sound yet. */
+export function alertSoundLine() {
+  return soundLine;
 }
 
 /** Follow the alerts from now on. */
@@ -64,6 +72,7 @@ function say(alerts) {
 
 function showSound({ state, heard, last }) {
   toggle.dataset.state = state;
+  soundLine.hidden = state !== "waiting";
   toggle.setAttribute("aria-label", SOUND_LABELS[state]);
   toggle.title = SOUND_LABELS[state];
   setText(toggle, SOUND_WORDS[state]);

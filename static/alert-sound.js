@@ -77,27 +77,38 @@ export class AlertSound {
   }
 }
 
-/** When what is to be heard: the worst of what is new at once, and again while it waits for somebody. */
+const RANKS = ["high", "medium", "low"];
+/** The longest pattern is over by then: what is no more urgent waits for so long. */
+const REST_S = 1.5;
+
+/** When what is to be heard: each alert once as soon as nothing more urgent sounds, and again while it waits for somebody. */
 export class SoundSchedule {
   constructor() {
-    this.known = new Set();
-    this.heardAt_s = -Infinity;
+    this.heard = new Set();
+    this.heardAt_s = { high: -Infinity, medium: -Infinity, low: -Infinity };
   }
 
   /** Return the priority to sound now, or null. `alerts` are sorted as they come; `now_s` is any steady clock. */
   next(alerts, now_s) {
-    const waiting = alerts.filter(({ phase }) => phase === "unacknowledged");
-    const keys = waiting.map(({ id, times, priority }) => `${id} ${times} ${priority}`);
-    const fresh = waiting.filter((_, index) => !this.known.has(keys[index]));
-    this.known = new Set(keys);
-    const due = waiting.filter(({ priority }) => PATTERNS[priority].again_s !== null && now_s - this.heardAt_s >= PATTERNS[priority].again_s);
-    const priority = worstOf(fresh) ?? worstOf(due);
-    if (priority !== null) this.heardAt_s = now_s;
+    const waiting = alerts.filter(({ phase }) => phase === "unacknowledged").map((alert) => ({ ...alert, key: `${alert.id} ${alert.times} ${alert.priority}` }));
+    this.heard = new Set(waiting.map(({ key }) => key).filter((key) => this.heard.has(key)));
+    const priority = worstOf(waiting.filter((alert) => !this.heard.has(alert.key) || this.isDue(alert.priority, now_s)));
+    if (priority === null || this.isSounding(priority, now_s)) return null;
+    for (const alert of waiting) if (alert.priority === priority) this.heard.add(alert.key);
+    this.heardAt_s[priority] = now_s;
     return priority;
   }
-}
 
-const RANKS = ["high", "medium", "low"];
+  isDue(priority, now_s) {
+    const { again_s } = PATTERNS[priority];
+    return again_s !== null && now_s - this.heardAt_s[priority] >= again_s;
+  }
+
+  /** Whether something sounds that is as urgent, or more. */
+  isSounding(priority, now_s) {
+    return RANKS.slice(0, RANKS.indexOf(priority) + 1).some((rank) => now_s - this.heardAt_s[rank] < REST_S);
+  }
+}
 
 /** The most urgent priority among alerts; null for none. */
 export function worstOf(alerts) {

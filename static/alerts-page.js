@@ -76,7 +76,7 @@ function incidentRow(incident) {
   const remove = me.role === "admin" ? el("button", { type: "button", class: "slim plain danger", "aria-label": `Delete the incident: ${about}`, disabled: state === "keeping", onclick: () => forget(id, about) }, "Delete") : null;
   return el("tr", { ...ROW, id: `incident-${id}` }, el("td", { ...CELL, class: "when" }, date(causes[0].at_s)), el("th", HEAD, device_name), el("td", CELL, why),
     el("td", { ...CELL, class: "wide" }, badge(...STATES[state]), ` ${span(ends_at_s - began_at_s)}${size}`),
-    el("td", { ...CELL, class: "actions" }, el("a", { class: "button slim", href: `/api/incidents/${id}/bundle.zip`, download: "", "aria-label": `Download the incident: ${about}` }, "Download"), remove));
+    el("td", { ...CELL, class: "actions" }, el("a", { class: "button slim", href: `/walks?incident=${id}`, "aria-label": `Look at it: the incident of ${about}` }, "Look at it"), el("a", { class: "button slim", href: `/api/incidents/${id}/bundle.zip`, download: "", "aria-label": `Download the incident: ${about}` }, "Download"), remove));
 }
 
 async function forget(id, about) {

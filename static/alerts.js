@@ -88,10 +88,10 @@ function item(alert, node) {
   node.dataset.priority = alert.priority;
   node.dataset.phase = alert.phase;
   node.replaceChildren(
-    el("div", { class: "alert-top" }, badge(kind, mark, alert.priority), el("b", {}, alert.title), badge(phaseKind, phaseMark, phaseWords)),
+    el("div", { class: "alert-top" }, badge(kind, mark, alert.priority), el("b", {}, alert.title)),
     el("p", { class: "alert-sentence" }, alert.sentence),
-    el("p", { class: "small alert-advice" }, alert.advice),
-    el("p", { class: "small quiet" }, when, ...facts(alert)),
+    ...(alert.phase === "returned" ? [] : [el("p", { class: "small alert-advice" }, alert.advice)]), // nothing is to be done for what is over
+    el("p", { class: "small quiet alert-when" }, badge(phaseKind, phaseMark, phaseWords), when, ...facts(alert)),
     el("div", { class: "row" }, ...buttons(alert)));
   return { node, age: (now, elapsed_s) => setText(when, ageWords(now, elapsed_s)) };
 }
@@ -101,17 +101,17 @@ function ageWords({ age_s, shelf_left_s, phase }, elapsed_s) {
   return phase === "shelved" ? `${raised}, silent for ${span(Math.max(0, shelf_left_s - elapsed_s))} more` : raised;
 }
 
-function facts({ device, times, escalated, acknowledged_by, note, phase, shelved_by, shelf_reason, incident_id }) {
+function facts({ title, device, times, escalated, acknowledged_by, note, phase, shelved_by, shelf_reason, incident_id }) {
   const told = [` · ${device}`];
   if (times > 1) told.push(` · came ${times} times`);
   if (escalated) told.push(" · went up: nobody had seen it for long");
   if (acknowledged_by) told.push(` · seen by ${acknowledged_by}${note ? `: “${note}”` : ""}`);
   if (phase === "shelved") told.push(` · shelved by ${shelved_by}: “${shelf_reason}”`);
-  if (incident_id) told.push(" · ", el("a", { href: `/alerts#incident-${incident_id}` }, "incident"));
+  if (incident_id) told.push(" · ", el("a", { href: `/walks?incident=${incident_id}`, "aria-label": `Look at it: the incident of ${title}, ${device}` }, "Look at it"));
   return told;
 }
 
-function buttons({ id, title, device, phase, acknowledged_by }) {
+function buttons({ id, title, device, device_id, kind, active, phase, acknowledged_by }) {
   const about = `${title}, ${device}`;
   const button = (key, words, act, kind = "slim") => el("button", { type: "button", class: kind, "data-key": `${key}-${id}`, "aria-label": `${words}: ${about}`, onclick: act }, words);
   const made = [];
@@ -121,6 +121,7 @@ function buttons({ id, title, device, phase, acknowledged_by }) {
   }
   if (phase === "shelved") made.push(button("unshelve", "Take off the shelf", () => attempt(() => act(id, "unshelve"))));
   else made.push(button("shelve", "Shelve…", () => shelve(id, about), "slim plain"));
+  if (kind === "link_lost" && active) made.push(button("end", "End the watch…", () => endWatch(device_id, about), "slim plain"));
   return made;
 }
 
@@ -134,6 +135,14 @@ function note(id, about) {
     title: "Acknowledge with a note", lead: about, submitText: "Acknowledge",
     fields: [{ name: "note", label: "Note", maxlength: 300, hint: "What you have seen or done; others see it, and it is kept." }],
     submit: (values) => act(id, "acknowledge", values),
+  });
+}
+
+function endWatch(deviceId, about) {
+  return openForm({
+    title: "Miss this device no more", lead: `${about}. Do this when the walker is known to be safe: nothing tells of them until the device connects anew.`, submitText: "End the watch",
+    fields: [{ name: "why", label: "Why?", maxlength: 300, required: true, hint: "It is written down, with your name." }],
+    submit: async ({ why }) => take((await post(`/api/devices/${encodeURIComponent(deviceId)}/end_watch`, { why })).active),
   });
 }
 

@@ -1,10 +1,7 @@
 /* Which walkers need somebody first, and why. */
 
-const LED = ["guiding", "lost", "paused", "fault"];
-
 /** How much a row of the overview needs attention: [rank, why]; the lowest rank is most urgent. `fresh` is how fresh the row is. */
-export function attention({ connected, mode, action, quality, reason }, fresh) {
-  const led = LED.includes(mode);
+export function attention({ connected, mode, action, quality, reason, leads_somebody: led }, fresh) {
   if (mode === "fault") return [0, "Something on the device does not work"];
   if (led && !connected) return [1, "Not connected, and was being guided"];
   if (led && (fresh === "lost" || fresh === "stale")) return [1, "Nothing heard of late, and was being guided"];

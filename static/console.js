@@ -5,7 +5,7 @@ import { $, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
 import { History } from "./history.js";
 import { undoKeys } from "./keys.js";
-import { doubt, follow, freshnessOf, showBadge } from "./live.js";
+import { doubt, follow, freshnessOf, onScreen, showBadge } from "./live.js";
 import { refuseTwin } from "./names.js";
 import { Plots } from "./plots.js";
 import { SceneAge } from "./scene_age.js";
@@ -52,7 +52,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   const age_s = seen && seen.age_s !== null ? seen.age_s + elapsed_s : null;
   const fresh = seen ? freshnessOf(age_s, doubt(seen.age_uncertainty_s, doubt_s), seen.connected, data.limits) : "lost";
   device = seen && { ...seen, capture_to_screen_s: captureToScreen_s };
-  $("panel").dataset.freshness = fresh;
+  for (const part of ["walker-part", "panel"]) $(part).dataset.freshness = fresh;
   showFreshness(fresh, age_s);
   showNobody();
   walker.show(device, { elapsed_s, age_s, fresh, poi: (id) => graph.poi(id) });
@@ -61,7 +61,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   showPlots(data, elapsed_s);
   for (const [section, part] of [["plots-section", device?.state], ["figures-section", device?.state], ["depth-section", device?.depth_stamp_s]]) $(section).hidden = (part ?? null) === null;
   scene.show(data.limits, link.consoleTime(), device && { fresh, age_s });
-  watchers.show(device, { elapsed_s, linked });
+  watchers.show(device, { elapsed_s, linked, fresh });
   showVersions({
     draft: data.draft_version, published: data.published_version, undo: data.can_undo, redo: data.can_redo,
     device: device && { name: device.name, runs: device.graph_version, refusal: device.graph_refusal },
@@ -94,13 +94,13 @@ function showPlots(data, elapsed_s) {
 
 /** Measure how old a state is once the browser has drawn it; `offset_s` is what to add to the console's time to have its age. */
 function measure(sample, offset_s) {
-  requestAnimationFrame(() => setTimeout(() => {
+  onScreen(() => {
     const console_s = link.consoleTime();
     if (console_s === null) return;
     captureToScreen_s = Math.max(0, console_s + offset_s);
     sample.latency_ms = 1000 * captureToScreen_s;
     $("panel").dataset.captureToScreenMs = sample.latency_ms.toFixed(1);
-  }));
+  });
 }
 
 // -------------------------------------------------------------------------------------------------- which device
@@ -223,5 +223,5 @@ if (asked) sessionStorage.setItem("device", asked);
 tellScene();
 
 ready();
-if (me.mayEdit) tourOnFirstVisit(me);
+tourOnFirstVisit(me);
 showWhatWasAsked();

@@ -11,10 +11,11 @@ const SAY_EVERY_MS = 3000;
 const TICK_MS = 250;
 const ASK_CLOCK_MS = [200, 400, 800, 2000];
 const SIGNED_OUT = 4401;
+let isInFrame = false;
 
 /**
- * Hear the stream at `path()`, asked for anew at each connecting. `take(data, page_received_s)` hears each message, `draw(link)` follows each
- * and four times a second in between. `watching()` returns the ids of the devices whose walkers the page shows now: of these it is sent
+ * Hear the stream at `path()`, asked for anew at each connecting. `take(data, page_received_s)` hears each message, `draw(link)` follows in
+ * the next frame, once however many came, and four times a second in between. `watching()` returns the ids of the devices whose walkers the page shows now: of these it is sent
  * everything, and the walkers are told who watches; nobody watches by a page that cannot be seen. Returns the link: what is known of the
  * console, and `reconnect()`.
  */
@@ -33,6 +34,7 @@ class Link {
     Object.assign(this, { path, take, draw, watching });
     this.said = "";
     this.saidAt = 0;
+    this.isDue = false;
     this.console = new ConsoleClock();
     this.heardAt_s = null;
     this.failures = 0;
@@ -79,7 +81,22 @@ class Link {
     this.heardAt_s = page_s;
     if (data.type === "clock") return this.console.add(data.page_sent_s, data.console_received_s, data.console_sent_s, page_s);
     this.take(data, page_s);
-    return this.tick();
+    return this.drawInFrame();
+  }
+
+  /** Draw once in the next frame. A tab that nobody can see has no frames: what comes then is drawn by the clock. */
+  drawInFrame() {
+    if (this.isDue) return;
+    this.isDue = true;
+    requestAnimationFrame(() => {
+      this.isDue = false;
+      isInFrame = true;
+      try {
+        this.tick();
+      } finally {
+        isInFrame = false;
+      }
+    });
   }
 
   tick() {
@@ -127,12 +144,14 @@ class Link {
 export function follow(show, devices = () => "", watching = () => []) {
   let data = null;
   let roster = [];
+  let parts = new Map();
   let receivedAt_s = 0;
   const link = listen(() => `/live?says=1&${devices()}`, {
     watching,
     take(picture, page_s) {
       roster = picture.roster ?? roster;
-      data = { ...picture, roster };
+      parts = partsNow(parts, picture);
+      data = { ...picture, roster, devices: picture.devices.map((device) => ({ ...device, ...partsAt(parts.get(device.id), picture.now_s) })) };
       receivedAt_s = page_s;
     },
     draw(link) {
@@ -150,6 +169,29 @@ export function follow(show, devices = () => "", watching = () => []) {
       link.reconnect();
     },
   };
+}
+
+/** The parts of each device that is there, with those that a message tells: the others are as they were. */
+function partsNow(known, { devices, parts = {} }) {
+  return new Map(devices.map(({ id }) => [id, { ...known.get(id), ...parts[id] }]));
+}
+
+/** Parts as they are at `now_s`: each was told with the ages that it had then. */
+function partsAt(parts = {}, now_s) {
+  return Object.fromEntries(Object.entries(parts).map(([name, { now_s: then_s, value }]) => [name, older(value, now_s - then_s)]));
+}
+
+function older(value, by_s) {
+  if (Array.isArray(value)) return value.map((each) => older(each, by_s));
+  if (value === null || value.age_s === undefined) return value;
+  const left_s = value.shelf_left_s ?? null;
+  return { ...value, age_s: value.age_s + by_s, ...(left_s !== null && { shelf_left_s: Math.max(0, left_s - by_s) }) };
+}
+
+/** Do something once the browser has drawn what is drawn now. */
+export function onScreen(act) {
+  if (isInFrame) setTimeout(act);
+  else requestAnimationFrame(() => setTimeout(act));
 }
 
 /** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */
@@ -171,6 +213,11 @@ export function freshnessOf(age_s, uncertainty_s, connected, limits) {
   if (age_s === null || !connected || longest_s > limits.lost) return "lost";
   if (longest_s > limits.stale) return "stale";
   return longest_s > limits.delayed || uncertainty_s === null ? "delayed" : "live";
+}
+
+/** Whether something is too old to be told as now. */
+export function isPast(fresh) {
+  return fresh === "stale" || fresh === "lost";
 }
 
 /** How wrong an age may be: what each clock on the way may add; null where one of them has not been compared. */

@@ -6,7 +6,6 @@ import { attempt } from "./toast.js";
 
 const RECORDINGS_EVERY_MS = 2000;
 const TOLD_SHOWN = 8;
-const LED = ["guiding", "lost", "paused"];
 const WORDS = { begin_map_walk: "Begin a map walk", end_map_walk: "End the map walk" };
 await start();
 let device = null;
@@ -58,14 +57,14 @@ function showState(linked) {
   setText($("now-reason"), device?.state?.mode_sentence ?? "The device has not told yet what it does.");
   $("begin").hidden = records;
   $("end").hidden = !records;
-  $("begin").disabled = !able || LED.includes(mode) || mode === "off_duty";
+  $("begin").disabled = !able || device.leads_somebody || mode === "off_duty";
   $("end").disabled = !able;
   setText($("hint"), hint(mode, able, records));
 }
 
 function hint(mode, able, records) {
   if (!able) return "The device is not connected: a map walk can be begun with its buttons.";
-  if (LED.includes(mode)) return "Somebody is being led: a map walk can begin once they have arrived, or guidance is stopped.";
+  if (device.leads_somebody) return "Somebody is being led: a map walk can begin once they have arrived, or guidance is stopped.";
   if (mode === "off_duty") return "The device is off duty: whoever wears it puts it on duty with its main button.";
   return records ? "The walk ends here, or with the device’s main button held." : "The walk must be at least a metre long; a loop back to its beginning makes the map better.";
 }

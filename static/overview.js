@@ -3,18 +3,19 @@
 import { AlertList } from "./alerts.js";
 import { attention, byNeed } from "./attention.js";
 import { $, badge, el, icon, metres, onChange, setText } from "./dom.js";
-import { doubt, freshnessOf, listen, showBadge } from "./live.js";
+import { doubt, freshnessOf, isPast, listen, showBadge } from "./live.js";
+import { OverviewRows } from "./overview-rows.js";
 import { ready, start } from "./shell.js";
 import { decision } from "./walker.js";
 
 await start();
 new AlertList($("alerts"), { most: 3 });
-const rows = new Map();
+const known = new OverviewRows();
+const { rows } = known;
 const cards = new Map();
 let now_s = 0;
 let receivedAt_s = 0;
 let limits = null;
-let isUnfolding = true; // the first rows come in several messages
 
 listen(() => "/live/overview?says=1", {
   watching: () => [...rows.keys()],
@@ -22,29 +23,21 @@ listen(() => "/live/overview?says=1", {
     now_s = data.now_s;
     receivedAt_s = page_s;
     limits = data.limits;
-    for (const [id, changes] of Object.entries(data.rows)) rows.set(id, { ...rows.get(id), ...changes });
-    for (const id of data.gone) rows.delete(id);
-    if (rows.size > data.count) forgetOthers(data.rows);
-    isUnfolding = rows.size < data.count;
+    known.take(data);
   },
   draw,
 });
 ready();
 
-/** After a new connection everything is told again: what is not told any more is gone. */
-function forgetOthers(told) {
-  for (const id of rows.keys()) if (!(id in told)) rows.delete(id);
-}
-
 function draw(link) {
   const { least_s, most_s } = link.since(now_s, receivedAt_s);
   const doubt_s = most_s === null ? null : most_s - least_s;
   const seen = [...rows].map(([id, row]) => seenOf(id, row, now_s + least_s, doubt_s));
-  $("no-devices").hidden = seen.length > 0 || isUnfolding;
+  $("no-devices").hidden = seen.length > 0 || known.isUnfolding;
   for (const one of seen) cardOf(one.id).show(one);
   for (const [id, card] of cards) if (!rows.has(id)) { card.node.remove(); cards.delete(id); }
   arrange(seen);
-  showCounts({ all: seen.length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length });
+  showCounts({ all: seen.length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
 }
 
 function seenOf(id, row, console_s, doubt_s) {
@@ -65,8 +58,8 @@ function arrange(seen) {
   });
 }
 
-const showCounts = onChange(({ all, guided, need }) => {
-  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${guided} guided, ${need} to look after` : "");
+const showCounts = onChange(({ all, guided, need, linked }) => {
+  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${linked ? `${guided} guided, ${need} to look after` : "all to look after: nothing is known of any of them"}` : "");
 });
 
 function cardOf(id) {
@@ -96,10 +89,10 @@ class Card {
     if (node.dataset.need !== need) node.dataset.need = need;
     setText(this.name, row.name);
     showBadge(this.fresh, fresh, age_s);
-    const { sign, words } = row.mode ? decision(row, row.destination) : { sign: "lost", words: "Has sent nothing yet" };
+    const { sign, words } = row.mode ? decision(row, row.destination, fresh) : { sign: "lost", words: "Has sent nothing yet" };
     this.drawSign(sign);
     setText(this.action, words);
-    setText(this.why, why || row.mode_sentence || "");
+    setText(this.why, why || (isPast(fresh) ? "" : row.mode_sentence) || "");
     this.drawFacts(row.mode ? facts(row) : []);
   }
 }

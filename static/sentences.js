@@ -6,7 +6,8 @@ import { openForm } from "./form.js";
 const KEPT = "sentences";
 const MOST = 12;
 const LONGEST = 300;
-const FIRST = ["I can see you. All is well.", "Please wait, I am coming.", "Please go on, the way is right.", "You are nearly there."];
+/* None of them says anything of the way: who watches sees less of it than guidance does, and may be late. */
+const FIRST = ["I can see you.", "Please wait, I am coming.", "Somebody will come to help you."];
 
 /** Show the sentences in an empty element. `say(text)` says one. Returns a function that lets them be pressed, or not. */
 export function sentences(root, say) {

@@ -21,7 +21,7 @@ let running = defaults;
 let revisions = [];
 let sent = null;
 let able = false;
-let wantedDevice = sessionStorage.getItem("device");
+let wantedDevice = sessionStorage.getItem("device") ?? "";
 
 build();
 const whatIf = new WhatIf($("what-if"), specs, () => Object.fromEntries(fit()));
@@ -30,7 +30,7 @@ if (me.mayTune) {
   for (const node of document.querySelectorAll(".tuning")) node.hidden = false;
   attempt(() => Promise.all([presets.load(), whatIf.load()]));
 }
-follow(showLive);
+const link = follow(showLive, () => `devices=one&device=${encodeURIComponent(wantedDevice)}`);
 draw();
 
 // ----------------------------------------------------------------------------------------------------------- build
@@ -121,10 +121,11 @@ function applyDraft() {
 
 async function apply({ title, values, ask }) {
   const found = differences(specs, running, values);
+  const seen_revision = device.settings_revision;
   await askToApply({
     title, found, device: device.name, walking: device.leads_somebody, trial_s,
     send: async (consent) => {
-      const { command } = await ask(consent);
+      const { command } = await ask({ ...consent, seen_revision });
       const keys = found.map(({ spec }) => spec.key);
       sent = { revision: command.detail, keys };
       for (const key of keys) {
@@ -145,12 +146,15 @@ const onTrial = () => device !== null && device.settings_trial_left_s !== null;
 
 // ------------------------------------------------------------------------------------------------------------ live
 function showLive(data, elapsed_s, linked) {
-  showDevices(data.devices.map(({ id, name }) => ({ id, name })));
+  showDevices(data.roster.map(({ id, name }) => ({ id, name })));
   const before = device;
-  device = data.devices.find(({ id }) => id === wantedDevice) ?? data.devices[0] ?? null;
+  device = data.devices[0] ?? null;
+  // It was here before the console was started anew: whoever is here now is shown.
+  if (device === null && wantedDevice && data.roster.length) choose("");
+  if (device && !wantedDevice) wantedDevice = device.id; // whoever comes now, this one stays
   if (before !== null && device?.id !== before.id) { draft.clear(); sent = null; }
   able = Boolean(device?.connected && linked);
-  showStatus({ name: device?.name, able, told: device?.settings_revision ?? null, linked, tuning: me.mayTune });
+  showStatus({ name: device?.name, able, told: device?.settings_revision ?? null, linked, tuning: me.mayTune, led: Boolean(device?.leads_somebody) });
   showTrial(elapsed_s);
   if (device) settle(device.commands.filter(({ kind }) => kind === "apply_settings"));
   const key = device ? `${device.id} ${device.settings_revision} ${device.connected} ${onTrial()} ${able} ${device.commands.map(({ id, state }) => `${id} ${state}`)}` : `none ${linked}`;
@@ -196,15 +200,21 @@ const showDevices = onChange((devices) => {
 });
 
 $("device-select").addEventListener("change", () => {
-  wantedDevice = $("device-select").value;
+  choose($("device-select").value);
   sessionStorage.setItem("device", wantedDevice);
 });
 
-const showStatus = onChange(({ name, able: works, told, linked, tuning }) => {
+function choose(id) {
+  wantedDevice = id;
+  link.again();
+}
+
+const showStatus = onChange(({ name, able: works, told, linked, tuning, led }) => {
   let sentence = told ? `${name} runs revision ${told} of its settings.` : `${name} runs the settings that it started with.`;
   if (!linked) sentence = "No connection to the console: nothing can be changed now.";
   else if (!name) sentence = "No device has called yet: these are the defaults.";
   else if (!works) sentence = `${name} is not connected: these are the settings that it ran last, and they cannot be changed now.`;
+  else if (tuning && led) sentence += " Somebody is being led: what safety hangs on is locked.";
   else if (!tuning) sentence += " Your role may look at them; a technician changes them.";
   setText($("status"), sentence);
   $("status").className = works ? "note" : "note warn";

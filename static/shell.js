@@ -1,10 +1,11 @@
 /* What all pages share: the header with the pages that there are for a role, who is signed in and who else is here, help,
  * and the way out. The header is there before the console has answered: it shows what was known last. */
 
-import { alertHead, watchAlerts } from "./alert-head.js";
+import { alertHead, alertSoundLine, watchAlerts } from "./alert-head.js";
 import { get, signOut } from "./api.js";
 import { $, el, setText } from "./dom.js";
 import { openHelp } from "./help.js";
+import { keepSession, knownSession } from "./session.js";
 import { attempt } from "./toast.js";
 
 const EDITING = ["editor", "admin"];
@@ -16,17 +17,16 @@ const PAGES = [
   ["Map", [["/pois", "Places"], ["/versions", "Versions"], ["/checks", "Checks"], ["/rehearse", "Rehearse"], ["/exchange", "Import/export"], ["/map-walks", "Map walks"]]],
   ["Set up", [["/settings", "Settings"], ["/privacy", "Privacy"], ["/admin", "Admin"]]],
 ];
-const KNOWN = "session";
 
 build();
-show(JSON.parse(sessionStorage.getItem(KNOWN) ?? "{}"));
+show(knownSession());
 addEventListener("error", sayItFailed);
 addEventListener("unhandledrejection", (event) => sayItFailed({ error: event.reason }));
 
 /** Fill the header and return who is signed in, with what the role may do (the console checks it again). */
 export async function start() {
   const session = await get("/api/session");
-  sessionStorage.setItem(KNOWN, JSON.stringify(session));
+  keepSession(session);
   show(session);
   watchAlerts();
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role), mayMap: MAPPING.includes(session.role) };
@@ -51,7 +51,7 @@ function build() {
     el("button", { type: "button", class: "plain slim", id: "sign-out", onclick: () => attempt(signOut) }, "Sign out"));
   document.querySelector("header.top").append(brand, menu, nav, alertHead(), who);
   document.querySelector("header.top").after(
-    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
+    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), alertSoundLine(), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
   document.body.append(el("div", { class: "toasts", id: "toasts", role: "status", "aria-live": "polite" }));
 }
 

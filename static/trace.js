@@ -1,7 +1,7 @@
 /* Why the walker is told what they are told: a sentence, a picture from above, and the checks one by one.
 
    The picture shows the floor round the walker, who looks up the page. Every mark has a shape of its own, and what is
-   not known is hatched: colour says nothing alone. Nodes are made once; ten times a second only attributes change. */
+   not known is hatched: colour says nothing alone. Nodes are made once; with each decision only attributes change. */
 
 import { ago, el, metres, setText } from "./dom.js";
 import { toast } from "./toast.js";
@@ -19,6 +19,12 @@ const SAME_THING_M = 0.35;
 const FREE = 0, OBSTACLE = 1, DROP = 2, UNKNOWN = 3, HEARD = 4;
 const MARK_EVERY_RAD = Math.PI / 45;
 const SAME_INSTANT_S = 0.15;
+const SEEN_RAD = Math.PI / 4, SEEN_STEP_RAD = Math.PI / 60;
+const SEEN_COUNT = Math.round((2 * SEEN_RAD) / SEEN_STEP_RAD) + 1;
+/** Where nothing was looked at, all that the camera would see is not known: an empty picture would look free. */
+const NOT_LOOKED = {
+  first_rad: -SEEN_RAD, step_rad: SEEN_STEP_RAD, states: Array(SEEN_COUNT).fill(UNKNOWN), nearest_cm: Array(SEEN_COUNT).fill(0),
+};
 const SILENT = { no_echo: "sonar: no echo", stale: "sonar: silent", absent: "no sonar" };
 const LEGEND = [
   ["free", "seen to be free", "M2 12 L4 2 H14 L16 12 Z"],
@@ -138,12 +144,14 @@ class PolarPlot {
     this.showSonar(trace, state);
     this.showDirections(trace, state);
     this.showGoal(trace);
+    this.moveLabelsApart();
     shown(this.halt, state.action === "stop");
     shown(this.walker, state.action !== "stop");
   }
 
   showScan(scan) {
-    const { states = [], nearest_cm = [], first_rad = 0, step_rad = 0, unseen = [] } = scan ?? {};
+    const { states, nearest_cm, first_rad, step_rad } = scan?.states.length ? scan : NOT_LOOKED;
+    const unseen = scan?.unseen ?? [];
     const parts = { free: "", unknown: "", edge: "", drop: "", heard: "" };
     // Neighbours closer than their marks are wide share one.
     let marked_rad = -Infinity;
@@ -228,6 +236,13 @@ class PolarPlot {
     return undefined;
   }
 
+  /** Where bearings lie close together so do their words: those lower in the picture move down. */
+  moveLabelsApart() {
+    const labels = Object.values(this.labels).filter((label) => label.textContent);
+    const tops = apart(labels.map((label) => labelBox(label)));
+    labels.forEach((label, index) => place(label, { y: tops[index] + LABEL_PX }));
+  }
+
   label(name, words, bearing_rad, distance_m) {
     const [x, y] = xy(bearing_rad, distance_m);
     const side = Math.abs(x) < 20 ? "middle" : x > 0 ? "end" : "start";
@@ -235,6 +250,29 @@ class PolarPlot {
     place(this.labels[name], { x: Math.max(-edge, Math.min(edge, x)), y: Math.max(-FAR_M * PER_M + 14, y), "text-anchor": side });
     text(this.labels[name], words);
   }
+}
+
+const LABEL_PX = 13;
+const LETTER_PX = 6.6;
+
+function labelBox(label) {
+  const [x, y] = ["x", "y"].map((name) => Number(label.getAttribute(name)));
+  const width = LETTER_PX * label.textContent.length;
+  const left = { start: x, middle: x - width / 2, end: x - width }[label.getAttribute("text-anchor")];
+  return { left, right: left + width, top: y - LABEL_PX };
+}
+
+/** Return the tops of boxes of one line each, {left, right, top}, moved down until none lies over another; the highest stays. */
+export function apart(boxes) {
+  const tops = boxes.map(({ top }) => top);
+  const placed = [];
+  for (const index of [...boxes.keys()].sort((a, b) => tops[a] - tops[b])) {
+    const { left, right } = boxes[index];
+    const beside = placed.filter((other) => boxes[other].left < right && left < boxes[other].right).sort((a, b) => tops[a] - tops[b]);
+    for (const other of beside) if (Math.abs(tops[other] - tops[index]) < LABEL_PX) tops[index] = tops[other] + LABEL_PX;
+    placed.push(index);
+  }
+  return tops;
 }
 
 /* ------------------------------------------------------------------------------------------------ depth and steps */

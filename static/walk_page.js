@@ -1,4 +1,4 @@
-/* One past walk: the player, the strip, the plan, and the same panels as live, marked so that nobody takes them for now. */
+/* One past walk, or an incident: the player, the strip, the plan, and the same panels as live, marked so that nobody takes them for now. */
 
 import { $, el, icon, setText } from "./dom.js";
 import { toast } from "./toast.js";
@@ -6,43 +6,48 @@ import { TracePanel } from "./trace.js";
 import { SPEEDS, WalkPlayer } from "./walk_player.js";
 import { WalkPlan } from "./walk_plan.js";
 import { marksList, sayTime, Strip } from "./walk_strip.js";
-import { clock, date, timeOfDay } from "./walk_words.js";
+import { clock, timeOfDay } from "./walk_words.js";
+import { WalkInScene } from "./walk_scene.js";
 import { Walker } from "./walker.js";
 
 const STEP_S = 1;
 const LEAP_S = 10;
 
-/** Show a walk, as the console tells it; returns its plan. */
-export function openWalk(id, walk, graph) {
+/** Show what `url` tells of a walk or an incident, with its `words` ({title, facts, banner, mark, none, names}); returns its plan. */
+export function openWalk(url, walk, words, graph) {
   const { summary } = walk;
-  const figures = summary.figures;
-  const way = figures?.from_place && figures?.to_place ? `${figures.from_place} → ${figures.to_place}` : "Walk";
-  setText($("walk-title"), `${way}, ${date(summary.began_at_s)}`);
-  setText($("walk-facts"), `${summary.device}, ${clock(summary.length_s)}${figures ? `. ${figures.outcome}` : ""}`);
-  setText($("past-banner"), `Past walk, recorded ${date(summary.began_at_s)}. Nothing on this page is happening now.`);
+  setText($("walk-title"), words.title);
+  setText($("walk-facts"), words.facts);
+  setText($("past-banner"), words.banner);
+  setText($("no-depth"), words.none);
   $("walk-troubles").replaceChildren(...walk.troubles.map((trouble) => el("p", { class: "note warn" }, trouble)));
   $("no-depth").hidden = summary.has_pictures;
-  document.title = `${way} · Walks · Virtual blind road`;
+  document.title = `${words.title} · Walks · Virtual blind road`;
 
-  const depthUrl = ({ depth_at_s }) => `/api/walks/${encodeURIComponent(id)}/depth.jpg?at=${depth_at_s}`;
+  const clockOf = (at_s) => new Date((summary.began_at_s + at_s) * 1000).toLocaleTimeString("en-GB");
+  const scene = new WalkInScene($("in-scene"), words.names, clockOf);
+  const depthUrl = ({ depth_at_s }) => `${url}/depth.jpg?at=${depth_at_s}`;
   const trace = new TracePanel($("past-trace"));
   const walker = new Walker(
     { now: $("past-walker"), figures: $("past-figures"), depth: summary.has_pictures ? $("past-depth") : null, events: $("past-happened") },
     { prefix: "past-", depthUrl });
   const plan = new WalkPlan($("walk-plan"), $("walk-layers"), graph, "Floor plan with the road, the route, the walker's trail by its distance from the route, and the walker at this instant.", "walk");
   const strip = new Strip($("strip"), (at_s) => player.seek(at_s));
-  const player = new WalkPlayer({ id, length_s: walk.length_s, cycle_s: walk.cycle_s }, {
+  const player = new WalkPlayer({ url, length_s: walk.length_s, cycle_s: walk.cycle_s }, {
     moved: (at_s) => {
       strip.move(at_s);
       sayTime($("player-time"), at_s, walk.length_s);
       setText($("player-date"), timeOfDay(summary.began_at_s + at_s));
     },
     show: (instant) => {
+      scene.move(instant.at_s);
       const { view } = instant;
-      setText($("past-mark"), `Past walk: ${clock(instant.at_s, true)}`);
-      // In its own time everything here is fresh: the banner and the frame say that it is past.
-      walker.show({ ...view, depth_at_s: instant.depth_at_s }, { elapsed_s: 0, age_s: view.age_s, fresh: "live", poi: (poi) => graph.poi(poi) });
-      trace.show({ ...view, depth_url: depthUrl(instant) }, { elapsed_s: 0, fresh: "live" });
+      setText($("past-mark"), `${words.mark}: ${clock(instant.at_s, true)}`);
+      // How fresh it was then: what was old already looks old. The banner and the frame say that all of it is past.
+      const fresh = view.freshness;
+      $("past").dataset.freshness = fresh;
+      walker.show({ ...view, depth_at_s: instant.depth_at_s }, { elapsed_s: 0, age_s: view.age_s, fresh, poi: (poi) => graph.poi(poi) });
+      trace.show({ ...view, depth_url: depthUrl(instant) }, { elapsed_s: 0, fresh });
       plan.place(view.state?.pose ?? null, view.state?.quality === "localized");
     },
     changed: () => showPlaying(player),

@@ -1,4 +1,4 @@
-/* Plays a past walk: which instant is shown, how fast it goes on, and the instants themselves, fetched a few seconds ahead. */
+/* Plays a past walk, or an incident: which instant is shown, how fast it goes on, and the instants themselves, fetched a few seconds ahead. */
 
 import { get } from "./api.js";
 
@@ -10,9 +10,9 @@ const COARSE_FROM = 4;
 const COARSE = 5;
 
 export class WalkPlayer {
-  /** `moved(at_s)` is called at each change of the instant, `show(instant)` with what it looked like, `changed()` when it plays or pauses. */
-  constructor({ id, length_s, cycle_s }, { moved, show, changed, failed }) {
-    Object.assign(this, { id, length_s, cycle_s, moved, show, changed, failed });
+  /** `url` is what is asked for instants. `moved(at_s)` is called at each change of the instant, `show(instant)` with what it looked like, `changed()` when it plays or pauses. */
+  constructor({ url, length_s, cycle_s }, { moved, show, changed, failed }) {
+    Object.assign(this, { url, length_s, cycle_s, moved, show, changed, failed });
     this.at_s = 0;
     this.speed = 1;
     this.playing = false;
@@ -79,7 +79,9 @@ export class WalkPlayer {
   /** The instant at a time, where it is here; else it is fetched, and shown when it has come. */
   instant(at_s) {
     const step_s = this.step_s;
-    const number = Math.floor(Math.min(Math.max(at_s, 0), this.length_s) / step_s + 1e-6);
+    const steps = Math.min(Math.max(at_s, 0), this.length_s) / step_s;
+    // Who goes to a mark sees what it is about: what held from then on, not what had held until then.
+    const number = this.playing ? Math.floor(steps + 1e-6) : Math.ceil(steps - 1e-6);
     const block = this.block(step_s, Math.floor(number / BLOCK));
     if (this.playing) this.block(step_s, Math.floor(number / BLOCK) + 1);
     return Array.isArray(block) ? block[number % BLOCK] ?? null : null;
@@ -99,7 +101,7 @@ export class WalkPlayer {
   async fetch(key, from, to, step) {
     try {
       const query = new URLSearchParams({ from, to: Math.min(to, this.length_s + step), step });
-      const { instants } = await get(`/api/walks/${encodeURIComponent(this.id)}/instants?${query}`);
+      const { instants } = await get(`${this.url}/instants?${query}`);
       if (this.blocks.has(key)) this.blocks.set(key, instants);
       this.draw();
     } catch (error) {

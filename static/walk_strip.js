@@ -6,8 +6,6 @@ import { clock, markSign, MARKS, svg } from "./walk_words.js";
 const CURVE_HEIGHT = 46;
 const LANE_HEIGHT = 14;
 const MARK_SIZE = 4.5;
-const LANES = Object.keys(MARKS);
-const HEIGHT = CURVE_HEIGHT + LANES.length * LANE_HEIGHT + 6;
 
 export class Strip {
   /** `seek(at_s)` is called when somebody drags or clicks. */
@@ -21,9 +19,11 @@ export class Strip {
 
   show(walk) {
     this.walk = walk;
+    this.lanes = Object.keys(MARKS).filter((kind) => !MARKS[kind].rare || walk.marks.some((mark) => mark.kind === kind));
+    this.height = CURVE_HEIGHT + this.lanes.length * LANE_HEIGHT + 6;
     Object.assign(this.slider, { max: walk.length_s, step: walk.cycle_s, value: 0 });
     const count = (kind) => walk.marks.filter((mark) => mark.kind === kind).length;
-    this.legend.replaceChildren(...LANES.map((kind) => el("li", {}, markSign(kind), `${MARKS[kind].words}: ${count(kind)}`)), el("li", { class: "curve-key" }, "Curve: distance from the way"));
+    this.legend.replaceChildren(...this.lanes.map((kind) => el("li", {}, markSign(kind), `${MARKS[kind].words}: ${count(kind)}`)), el("li", { class: "curve-key" }, "Curve: distance from the way"));
     this.draw();
   }
 
@@ -31,9 +31,9 @@ export class Strip {
     if (!this.walk) return;
     const width = Math.max(200, this.box.clientWidth);
     this.x = (at_s) => 8 + (width - 16) * (at_s / Math.max(this.walk.length_s, 1e-3));
-    const drawing = svg("svg", { viewBox: `0 0 ${width} ${HEIGHT}`, width, height: HEIGHT, role: "img", "aria-label": "Timeline of the walk; the list below says the same in words" });
-    drawing.append(...this.curve(width), ...LANES.flatMap((kind, lane) => this.lane(kind, CURVE_HEIGHT + 6 + (lane + 0.5) * LANE_HEIGHT, width)));
-    this.cursor = svg("line", { class: "strip-cursor", y1: 0, y2: HEIGHT });
+    const drawing = svg("svg", { viewBox: `0 0 ${width} ${this.height}`, width, height: this.height, role: "img", "aria-label": "Timeline of the walk; the list below says the same in words" });
+    drawing.append(...this.curve(width), ...this.lanes.flatMap((kind, lane) => this.lane(kind, CURVE_HEIGHT + 6 + (lane + 0.5) * LANE_HEIGHT, width)));
+    this.cursor = svg("line", { class: "strip-cursor", y1: 0, y2: this.height });
     drawing.append(this.cursor);
     this.box.replaceChildren(drawing, this.slider);
     this.move(this.at_s ?? 0);

@@ -19,9 +19,10 @@ export function figure(value, unit, digits = 2) {
   return value === null || value === undefined ? "–" : `${decimals(value, digits)} ${unit}`;
 }
 
-/** Kinds of marks: a word, a shape (drawn in a box from -1 to 1), and whether N and P stop at them. */
+/** Kinds of marks: a word, a shape (drawn in a box from -1 to 1), whether N and P stop at them, and whether they are shown only where there are some. */
 export const MARKS = {
-  stop: { words: "Stop", shape: "M-.8-.8H.8V.8H-.8z", stops: true },
+  alert: { words: "Alert", shape: "M0-1 1 .9H-1z", stops: true, rare: true },
+  stop: { words: "Told to stop", shape: "M-.8-.8H.8V.8H-.8z", stops: true },
   weak: { words: "Position weak", shape: "M0-1 1 0 0 1-1 0z", stops: true },
   off_road: { words: "Off the road", shape: "M0-1 1 .8H-1z", stops: true },
   disagreement: { words: "Sonar and camera disagree", shape: "M-1-.8H1L0 1z", stops: true },

@@ -1,6 +1,7 @@
 /* The walker's state in words and figures: of now, or of any instant that is given in the form of the live stream. */
 
 import { ago, el, icon, metres, onChange, setText } from "./dom.js";
+import { isPast } from "./live.js";
 
 const QUALITY = { localized: "● Known", uncertain: "◐ Uncertain", lost: "✕ Lost" };
 const SONAR = { no_echo: "no echo", stale: "silent", absent: "none" };
@@ -39,6 +40,7 @@ class Now {
     card.append(make("div", "now-sign", { class: "sign fades" }), make("p", "now-state", { class: "state fades" }), make("p", "now-action", { class: "action fades" }), make("p", "now-reason", { class: "reason fades" }), cue);
     root.replaceChildren(make("p", "dated", { class: "dated", role: "status", hidden: true }), make("p", "now-said", { class: "visually-hidden", role: "status" }), card);
     this.drawSign = onChange((name) => this["now-sign"].replaceChildren(icon(name)));
+    this.said = "";
   }
 
   show(device, { elapsed_s, age_s, fresh, name }) {
@@ -46,33 +48,60 @@ class Now {
     this.showDate(device, age_s, fresh);
     this.now.hidden = state === null;
     if (state === null) return;
-    const { sign, words } = decision(state, name);
+    const { sign, words } = decision(state, name, fresh);
     const guided = GUIDED.includes(state.mode);
+    const past = isPast(fresh);
     this.now.dataset.mode = state.mode;
     this.now.dataset.action = state.action;
     this.drawSign(sign);
-    setText(this["now-state"], state.mode_label);
+    const label = past ? `Last heard: ${state.mode_label}` : state.mode_label;
+    setText(this["now-state"], label);
     setText(this["now-action"], words);
-    const reason = guided ? state.reason : state.mode_sentence;
+    // Never the bare reason: that one calls the way free, though nobody may have measured it.
+    const reason = past ? reasonOfThen(state) : guided ? state.trace.sentence : state.mode_sentence;
     setText(this["now-reason"], reason);
-    // For screen readers: what changes a few times a minute, not every degree.
-    setText(this["now-said"], `${state.mode_label}. ${guided ? `${SPOKEN[state.action]} ` : ""}${reason}`);
+    // For screen readers: a few times a minute, not with every degree and metre of the sentence.
+    this.say(`${label} ${state.action} ${state.reason} ${past}`, `${label}. ${guided && !past ? `${SPOKEN[state.action]} ` : ""}${reason}`);
     this["now-cue"].hidden = !state.last_cue;
     setText(this["now-cue-text"], state.last_cue);
     setText(this["now-cue-age"], state.last_cue_age_s === null ? "" : ago(state.last_cue_age_s + elapsed_s));
   }
 
+  /** Say `words` where what they tell of, `about`, is another than before. */
+  say(about, words) {
+    if (about === this.said) return;
+    this.said = about;
+    setText(this["now-said"], words);
+  }
+
   showDate(device, age_s, fresh) {
     const { dated } = this;
-    dated.hidden = !device || fresh === "live" || fresh === "delayed";
+    dated.hidden = !device || !isPast(fresh);
     if (dated.hidden) return;
     const since = age_s === null ? "It has sent nothing yet." : `What is shown is from ${ago(age_s)}.`;
-    setText(dated, device.connected ? since : `${device.name} is not connected. ${since} Guidance goes on without the console.`);
+    const led = GUIDED.includes(device.state?.mode) ? " Whether guidance goes on is not known." : "";
+    setText(dated, `${device.connected ? "" : "Not connected. "}${since}${led}`);
   }
 }
 
-/** The decision as a sign and a sentence. */
-export function decision(state, name) {
+/** Why the walker was told to stand, as the device said it then; that a way was free is not said of what is over. */
+function reasonOfThen({ mode, action, reason }) {
+  return GUIDED.includes(mode) && action === "stop" ? `The reason then: ${reason}` : "";
+}
+
+/** The decision as a sign and a sentence: in the past tense where the device was not heard of late. */
+export function decision(state, name, fresh) {
+  const { sign, words } = decisionNow(state, name);
+  return { sign, words: isPast(fresh) ? inThePast(words) : words };
+}
+
+function inThePast(words) {
+  if (words === "Stop") return "Was told to stand";
+  if (words.startsWith("Arrived")) return `Had a${words.slice(1)}`;
+  return `Was ${words[0].toLowerCase()}${words.slice(1)}`;
+}
+
+function decisionNow(state, name) {
   const towards = name ? ` to ${name}` : "";
   const words = {
     off_duty: "Off duty", mapping: "Recording a map", localizing: "Finding the position", ready: "Waiting for a destination",

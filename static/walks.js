@@ -1,4 +1,4 @@
-/* The page Walks: the list of past walks and where on the map things happened in them; or one walk, played. */
+/* The page Walks: the list of past walks and where on the map things happened in them; or one walk, or an incident, played. */
 
 import { get } from "./api.js";
 import { $, el, onChange, setText } from "./dom.js";
@@ -16,9 +16,11 @@ const ASK_AGAIN_MS = 1500;
 await start();
 const graph = new Graph(() => {});
 await graph.fetch();
-const walkId = new URLSearchParams(location.search).get("walk");
+const query = new URLSearchParams(location.search);
+const [walkId, incidentId] = [query.get("walk"), query.get("incident")];
 
 if (walkId) await showOne(walkId);
+else if (incidentId) await showIncident(incidentId);
 else await showList();
 follow((data) => graph.heard(data), () => "devices=none");
 ready();
@@ -97,20 +99,58 @@ function onChangeOf(data, draw) {
 
 // -------------------------------------------------------------------------------------------------------- one walk
 async function showOne(id) {
+  const url = `/api/walks/${encodeURIComponent(id)}`;
+  const found = await opened(url, "walk", (walk) => ({ ...walkWords(walk), names: { walk: id } }));
+  if (found) await showFiguresOf(id, found.walk, found.plan);
+}
+
+function walkWords({ summary }) {
+  const { figures } = summary;
+  const way = figures?.from_place && figures?.to_place ? `${figures.from_place} → ${figures.to_place}` : "Walk";
+  return {
+    title: `${way}, ${date(summary.began_at_s)}`, mark: "Past walk",
+    facts: `${summary.device}, ${clock(summary.length_s)}${figures ? `. ${figures.outcome}` : ""}`,
+    banner: `Past walk, recorded ${date(summary.began_at_s)}. Nothing on this page is happening now.`,
+    none: "This walk was recorded without pictures: there is no depth silhouette.",
+  };
+}
+
+async function showIncident(id) {
+  $("back").textContent = "All alerts";
+  $("back").href = "/alerts";
+  $("walk-figures-section").hidden = true;
+  await opened(`/api/incidents/${encodeURIComponent(id)}`, "incident", (walk) => ({ ...incidentWords(walk), names: { incident: id } }));
+}
+
+function incidentWords({ incident, summary }) {
+  const { causes } = incident;
+  const [first_s, last_s] = [causes[0].at_s, causes[causes.length - 1].at_s];
+  const before_s = Math.round(first_s - summary.began_at_s);
+  const after_s = Math.round(summary.began_at_s + summary.length_s - last_s);
+  const round = before_s === after_s ? `${before_s} s before and after` : `${before_s} s before and ${after_s} s after`;
+  return {
+    title: `Incident of ${date(first_s)}, ${round}`, mark: "Incident",
+    facts: `${summary.device}, ${clock(summary.length_s)}. ${causes.map(({ sentence, who }) => (who ? `${who} has asked for it.` : sentence)).join(" ")}`,
+    banner: `Incident of ${date(first_s)}, as the console heard it. Nothing on this page is happening now.`,
+    none: "No depth silhouette came in this time.",
+  };
+}
+
+/** Open the player on what `url` tells; null where that cannot be shown, which is said. */
+async function opened(url, what, wordsOf) {
   $("list-view").hidden = true;
-  setText($("walk-title"), "Reading the walk…");
+  setText($("walk-title"), `Reading the ${what}…`);
   $("walk-view").hidden = false;
   let walk;
   try {
-    walk = await get(`/api/walks/${encodeURIComponent(id)}`);
+    walk = await get(url);
   } catch (error) {
-    setText($("walk-title"), "This walk cannot be shown");
+    setText($("walk-title"), `This ${what} cannot be shown`);
     $("walk-troubles").replaceChildren(el("p", { class: "note bad" }, error.message));
     for (const node of document.querySelectorAll("#walk-view > section, #walk-view > .walk-columns, #past-banner")) node.hidden = true;
-    return;
+    return null;
   }
-  const plan = openWalk(id, walk, graph);
-  await showFiguresOf(id, walk, plan);
+  return { walk, plan: openWalk(url, walk, wordsOf(walk), graph) };
 }
 
 async function showFiguresOf(id, walk, plan) {

@@ -27,11 +27,11 @@ export class WatchersPanel {
   }
 
   /** Show a device, as data of the live stream; null for none. */
-  show(view, { elapsed_s, linked }) {
+  show(view, { elapsed_s, linked, fresh }) {
     const shown = Boolean(view?.connected && view.sharing);
     this.drawRoot(shown);
     if (!shown) return this.hidePicture();
-    setText(this.words, watchersSentence(view.watchers, this.me));
+    setText(this.words, watchersSentence(view.watchers, this.me, fresh));
     setText(this.shared, sharedSentence(view.sharing));
     this.showPicture(view, elapsed_s, linked);
     this.button.disabled = !linked || Boolean(view.sharing.colour_for);
@@ -59,13 +59,14 @@ export class WatchersPanel {
   }
 }
 
-/** "You are watching; Anna too. The walker has been told." */
-export function watchersSentence(watchers, me) {
+/** "You are watching; Anna too. The walker has been told." Of a device that was not heard of late nothing is said of what the walker heard. */
+export function watchersSentence(watchers, me, fresh) {
   if (!watchers.length) return "Nobody is counted as watching yet.";
   const others = watchers.map(({ name }) => name).filter((name) => name !== me);
   const names = new Intl.ListFormat("en").format(others);
   const you = others.length < watchers.length;
   const who = you ? `You are watching${others.length ? `; ${names} too` : ""}.` : `${names} ${others.length > 1 ? "are" : "is"} watching.`;
+  if (fresh === "stale" || fresh === "lost") return `${who} Whether the walker still knows is not known.`;
   return `${who} ${watchers.every(({ told }) => told) ? "The walker has been told." : "The walker has not heard it yet."}`;
 }
 

@@ -7,6 +7,7 @@ map walks in ``FOLDER/map-walks`` go to the console; it says ``told KEY`` of wha
 
 from __future__ import annotations
 
+import math
 import sys
 from pathlib import Path
 
@@ -33,7 +34,7 @@ class Device:
         """Return a hello of a device that runs another map than the console's."""
         return Hello(PROTOCOL_VERSION, DEVICE_ID, "0.1.0", "small", "another", 0, 0, 0.0)
 
-    def submit(self, order: ConsoleMessage | MapWalkTold) -> None:
+    def submit(self, order: ConsoleMessage | MapWalkTold, holds_s: float = math.inf) -> None:
         """Nobody gives orders here; what is to be said of a map walk is said."""
         if isinstance(order, MapWalkTold):
             say(f"told {order.phrases[0].key}")

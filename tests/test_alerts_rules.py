@@ -26,6 +26,7 @@ from console.alerts.rules import (
 )
 from console.live import LiveDevice
 from navcore.modes import Mode
+from navcore.types import Reason
 from navcore.wire import Hello, WalkerState
 
 
@@ -46,7 +47,8 @@ BAD: tuple[tuple[AlertKind, Observation, str], ...] = (
     ("device_fault", seen(mode=Mode.FAULT, reason="sensor_stale"), "A sensor has stopped delivering."),
     ("battery_empty", seen(battery_percent=7.6), "The battery of Ada is at 8 %."),
     ("position_lost", seen(mode=Mode.LOST, quality="lost", reason="pose_lost"), "does not know where the walker is"),
-    ("no_way", seen(action="stop", reason="no_candidate"), "No way for Ada. No free direction in view."),
+    ("no_way", seen(action="stop", reason="no_candidate"), "No way on for Ada. No free direction in view."),
+    ("broke_off", Observation(None, 1.0, False, broke_off=True), "Ada leads the walker no more: they have not"),
     ("off_road", seen(deviation_m=2.3), "Ada is 2.3 m off the road."),
     ("stalled", seen(speed_m_s=0.02), "Ada is told to walk, and moves at 0.02 m/s."),
     ("battery_low", seen(battery_percent=19.0), "The battery of Ada is at 19 %."),
@@ -74,10 +76,26 @@ def test_each_kind_is_tried_and_a_walk_in_good_order_raises_nothing() -> None:
 
 @pytest.mark.parametrize("kind", RULES)
 def test_what_is_stale_raises_nothing_else_and_ends_nothing(kind: AlertKind) -> None:
-    stale = Observation(None, 60.0, True)
+    stale = Observation(None, 60.0, True, broke_off=True)
     for was_holding in (False, True):
         verdict = judge(RULES[kind], stale, was_holding).verdict
-        assert verdict is (Verdict.HOLDS if kind == "link_lost" else Verdict.UNKNOWN)
+        assert verdict is (Verdict.HOLDS if kind in ("link_lost", "broke_off") else Verdict.UNKNOWN)
+
+
+@pytest.mark.parametrize("reason", [*(reason.value for reason in Reason), "a reason of a newer device"])
+def test_whoever_is_guided_and_told_to_stand_is_not_overlooked_whatever_the_reason(reason: str) -> None:
+    told_otherwise = {Reason.ARRIVED.value, Reason.PAUSED.value, Reason.NO_ROUTE.value, Reason.POSE_LOST.value}
+    verdict = judge(RULES["no_way"], seen(action="stop", reason=reason), was_holding=False).verdict
+    assert verdict is (Verdict.NORMAL if reason in told_otherwise else Verdict.HOLDS)
+    assert judge(RULES["no_way"], seen(action="walk", reason=reason), was_holding=True).verdict is Verdict.NORMAL
+
+
+@pytest.mark.parametrize("reason", ["depth_invalid", "sensor_stale"])
+@pytest.mark.parametrize("seen_m", [None, 6.0])
+def test_where_the_depth_camera_is_not_believed_nothing_is_said_of_glass(reason: str, seen_m: float | None) -> None:
+    heard = seen(action="stop", reason=reason, sonar_state="ok", sonar_m=1.4, nearest_ahead_m=seen_m)
+    for was_holding in (False, True):
+        assert judge(RULES["sensors_disagree"], heard, was_holding).verdict is Verdict.UNKNOWN
 
 
 def test_a_figure_that_is_missing_ends_nothing() -> None:

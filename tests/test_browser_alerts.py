@@ -7,14 +7,15 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 import pytest
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import PASSWORD, DialledDevice, hello_of, invited
 from playwright.sync_api import Browser, Page, expect
 from test_alerts_engine import first_admin_again
-from test_browser_pages_accessible import in_both_themes
 from websockets.exceptions import ConnectionClosed
 
 from console.alerts.rules import RULES
+from console.overview_socket import messages
 from console.server import ConsoleServer
 from navcore.modes import Mode
 from navcore.wire import Ping, Pong, WalkerState, decode_from_console
@@ -41,6 +42,45 @@ async () => {
     schedule.next([high, low], 111), schedule.next([alert("high", "acknowledged"), low], 130),
     schedule.next([alert("high", "shelved")], 200), schedule.next([high], 201),
   ];
+}
+"""
+
+
+WHAT_SOUNDS_AMONG_THE_LESS_URGENT = """
+async () => {
+  const { SoundSchedule } = await import("/static/alert-sound.js");
+  const schedule = new SoundSchedule(), phase = "unacknowledged", heard = { high: [], low: 0 };
+  for (let now_s = 0; now_s < 60; now_s += 0.5) {
+    const low = { id: "low", priority: "low", phase, times: 1 + Math.floor(now_s / 6) };
+    const priority = schedule.next([{ id: "high", priority: "high", phase, times: 1 }, low], now_s);
+    if (priority === "high") heard.high.push(now_s);
+    if (priority === "low") heard.low += 1;
+  }
+  return heard;
+}
+"""
+WHAT_IS_KNOWN_AFTER_A_SLEEP = """
+async () => {
+  const { onAlerts } = await import("/static/alert-feed.js");
+  const awake = Date.now;
+  Date.now = () => awake() + 3600e3;
+  try {
+    return await new Promise((resolve) => onAlerts((alerts, elapsed_s, known) => resolve([elapsed_s > 3590, known])));
+  } finally {
+    Date.now = awake;
+  }
+}
+"""
+ROWS_AFTER_A_NEW_STREAM = """
+async ([before, after]) => {
+  const { OverviewRows } = await import("/static/overview-rows.js");
+  const known = new OverviewRows(), counts = [];
+  for (const message of before) known.take(message);
+  for (const message of after) {
+    known.take(message);
+    counts.push(known.rows.size);
+  }
+  return [counts, [...known.rows.keys()].sort()];
 }
 """
 
@@ -154,9 +194,27 @@ def test_an_alert_is_raised_heard_said_once_acknowledged_and_over_for_everybody(
     row.locator("summary").press("Enter")
     expect(row).to_contain_text("shelved by Ada (5 min: We are with her.)")
     expect(hers.locator("#incidents tr")).to_contain_text("A sensor has stopped delivering.")
+    said = hers.evaluate("window.said.length")
+    # What it looked like then: the player of past walks, over the incident's messages.
+    server.services.incidents.close()
+    hers.get_by_role("link", name="Look at it: the incident of").click()
+    expect(hers.locator("#walk-title")).to_contain_text("Incident of")
+    expect(hers.locator("#past-banner")).to_contain_text("Nothing on this page is happening now.")
+    hers.locator("#marks li", has_text="Alert").get_by_role("button").click()
+    expect(hers.locator("#past-now-state")).to_have_text("Fault")
+    expect(hers.locator("#past-mark")).to_contain_text("Incident: 0:")
+    expect(hers.locator("#past-trace .trace-sentence")).to_contain_text("Stop: ")
+    found += in_both_themes(hers, "an incident")
     assert found == []
-    assert len(hers.evaluate("window.said")) == 1, "a screen reader hears a new alert once, not at every refresh"
+    assert said == 1, "a screen reader hears a new alert once, not at every refresh"
     assert hers.evaluate(WHEN_IT_SOUNDS) == ["low", None, "high", None, "high", None, None, "high"]
+    heard = hers.evaluate(WHAT_SOUNDS_AMONG_THE_LESS_URGENT)
+    assert heard == {"high": [0, 10, 20, 30, 40, 50], "low": 10}, "each as if it were alone"
+    assert hers.evaluate(WHAT_IS_KNOWN_AFTER_A_SLEEP) == [True, False]
+    names = [f"glasses-{number:02}" for number in range(60)]
+    streams = [list(messages({}, {name: {"name": name} for name in some})) for some in (names, [*names[1:], "new"])]
+    counts, shown = hers.evaluate(ROWS_AFTER_A_NEW_STREAM, streams)
+    assert (counts, shown) == ([60, 60], [*names[1:], "new"]), "nobody vanishes while the rest is still to be told"
 
     server.stop()
     expect(his.locator("#alert-count")).to_have_text("Alerts not known")

@@ -22,9 +22,10 @@ pytestmark = pytest.mark.browser
 expect.set_options(timeout=60_000)
 TARGET_PX = 44
 SMALL_TARGETS = """
-(least) => [...document.querySelectorAll('.panel button, .panel select, .panel input, .scene-bar button, .top .menu')]
+(least) => [...document.querySelectorAll('main button, main select, main input, .top .menu')]
   .filter((e) => e.checkVisibility() && e.getBoundingClientRect().height < least).map((e) => e.outerHTML.slice(0, 90))
 """
+TOO_HIGH_PX = "document.documentElement.scrollHeight - document.documentElement.clientHeight"
 OVERFLOW_PX = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 GAPS = """
 async () => {
@@ -61,7 +62,7 @@ NEED = """
 async () => {
   const { attention, byNeed } = await import('/static/attention.js');
   const row = (mode, action = 'walk', quality = 'localized', connected = true) => (
-    { connected, mode, action, quality, reason: 'why' });
+    { connected, mode, action, quality, reason: 'why', leads_somebody: !['ready', 'off_duty'].includes(mode) });
   const all = {
     walks: [row('guiding'), 'live'], ready: [row('ready'), 'live'], silent: [row('guiding'), 'stale'],
     stands: [row('guiding', 'stop'), 'live'], lost: [row('lost', 'stop', 'lost'), 'live'],
@@ -183,12 +184,38 @@ def _ages_are_those_of_the_capture(page: Page, device: WalkingDevice, clock: Ske
         expect(freshness).to_contain_text(f"{word}, ")
         assert dated.is_visible() is (word != "DELAYED"), "what is stale is dated"
         assert note.is_visible() is (word != "DELAYED"), "and nothing is asked of it without a word"
+        assert (page.locator("#now-action").text_content() or "")[:4] == ("Walk" if word == "DELAYED" else "Was ")
         is_grey = "grayscale" in page.locator("#now-action").evaluate("e => getComputedStyle(e).filter")
         assert is_grey is (word != "DELAYED")
     expect(note).to_contain_text("may reach the walker late, or not at all")
-    expect(page.locator("#repeat")).to_be_enabled()
+    expect(page.locator("#now-reason")).not_to_contain_text("free")
+    _walker_and_actions_stay_in_view(page)
     be_live(page, device)
     until(page, lambda: pieces() > seen_count, "a gap in the plot, where nothing was seen")
+
+
+def _walker_and_actions_stay_in_view(page: Page) -> None:
+    """With an alert, what to know before anything is asked, and three answers."""
+    page.get_by_role("button", name="Repeat").click()
+    for count, sentence in enumerate(("Can you hear me?", "Please wait where you are, I am on my way to you."), 2):
+        page.get_by_label("Say to the walker").fill(sentence)
+        page.locator("#say-send").click()
+        expect(page.locator("#commands li")).to_have_count(count)
+    expect(page.locator("#alerts .alert")).to_have_count(1)
+    desk = page.viewport_size
+    assert desk is not None
+    for width, height in ((1280, 800), (390, 844)):
+        page.set_viewport_size({"width": width, "height": height})
+        for y_px in (0, 10_000):
+            page.evaluate("y => scrollTo(0, y)", y_px)
+            for part in ("#now", ".act-bar"):
+                box = page.locator(part).bounding_box()
+                assert box is not None
+                assert box["y"] >= 0.0, (part, width, y_px)
+                assert box["y"] + box["height"] <= height, (part, width, y_px)
+        page.evaluate("scrollTo(0, 0)")
+    page.set_viewport_size(desk)
+    assert page.evaluate(TOO_HIGH_PX) <= 0, "nothing scrolls the whole page away"
 
 
 def _a_silent_console_makes_nothing_look_live(page: Page, device: WalkingDevice, stream: Stream) -> None:
@@ -196,7 +223,7 @@ def _a_silent_console_makes_nothing_look_live(page: Page, device: WalkingDevice,
     for forward_s, word in ((2, "DELAYED"), (5, "STALE"), (12, "LOST")):
         page.clock.fast_forward(1000 * forward_s)
         expect(page.locator("#freshness")).to_contain_text(f"{word}, ")
-    expect(page.get_by_role("alert")).to_contain_text("No connection to the console")
+    expect(page.locator("#link-banner")).to_contain_text("No connection to the console")
     expect(page.locator("#repeat")).to_be_disabled()
     expect(page.locator("#act-note")).to_contain_text("The console does not answer")
     stream.is_frozen = False

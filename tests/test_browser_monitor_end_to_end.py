@@ -287,8 +287,8 @@ def _a_dead_link(stage: Stage, vera: Page) -> Iterator[None]:
     try:
         yield
         stage.network.cut()
-        expect(vera.locator("#dated")).to_contain_text("is not connected. What is shown is from")
-        expect(vera.locator("#dated")).to_contain_text("Guidance goes on without the console.")
+        expect(vera.locator("#dated")).to_contain_text("Not connected. What is shown is from")
+        expect(vera.locator("#dated")).to_contain_text("Whether guidance goes on is not known.")
     finally:
         stage.network.cut()
         stage.network.swallows = False

@@ -56,6 +56,15 @@ def test_themes_differ_in_colours_alone() -> None:
     assert [path.name for path in styled if "prefers-color-scheme" in path.read_text(encoding="utf-8")] == []
 
 
+def test_no_block_of_the_style_sheet_is_left_open() -> None:
+    """What follows would hold on phones alone, or nowhere."""
+    depth, text = 0, (Path(__file__).resolve().parent.parent / "static" / "style.css").read_text(encoding="utf-8")
+    for line in text.splitlines():
+        assert depth == 0 or not line.startswith("/* ----"), line
+        depth += line.count("{") - line.count("}")
+    assert depth == 0
+
+
 @pytest.mark.slow
 def test_no_page_has_a_fault_with_data_or_empty(
     browser: Browser, server: ConsoleServer, tmp_path: Path, small_site: Site
@@ -134,7 +143,10 @@ def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, se
 def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, server: ConsoleServer) -> None:
     page = signed_in(browser, server, sees_tour=True)
     tour = page.locator("dialog.tour")
-    for title in ("The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish"):
+    for title in (
+        "The map is a road", "Tag places", "Connect them", "Check and rehearse", "Publish", "Watch a walker", "Alerts",
+        "Ask why", "Lead and pause", "Settings", "Try before you change",
+    ):  # fmt: skip
         expect(tour.get_by_role("heading", name=title)).to_be_focused()
         for _ in range(6):
             page.keyboard.press("Tab")

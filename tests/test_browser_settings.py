@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import DialledDevice, hello_of, serving
-from playwright.sync_api import Page
+from playwright.sync_api import Page, expect
 from recorded_walk import STORED_WALK
-from test_browser_pages_accessible import in_both_themes
 from test_past_walks import take
 
 from console.server import ConsoleServer
@@ -140,7 +140,7 @@ def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_si
         glasses.link.send(WalkerState(time.monotonic(), "localized", "walk", "ok", mode=Mode.GUIDING))
         until(page, lambda: server.services.hub.device("glasses").leads_somebody, "somebody is led")
         put(page, "gate.clearance_m", "2.0")
-        page.wait_for_timeout(600)
+        expect(page.locator("#status")).to_contain_text("Somebody is being led: what safety hangs on is locked.")
         page.locator("#draft-apply").click()
         assert "Somebody is being led." in page.get_by_role("dialog").inner_text()
         page.get_by_role("dialog").get_by_label("Why must it be changed now?").fill("Rain")

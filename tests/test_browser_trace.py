@@ -33,6 +33,24 @@ GLASS = WalkerState(
     sonar_state="ok", sonar_m=1.4, mode=Mode.GUIDING, trace=TRACE,
 )  # fmt: skip
 SENTENCE = "Stop: the sonar hears something at 1.4 m where the depth camera sees free: glass?"
+LABELS_OVER_EACH_OTHER = """
+() => {
+  const labels = [...document.querySelectorAll('.polar text.label')].filter((e) => e.textContent);
+  const least = 3;  // CSS pixels: boxes are a little larger than letters
+  return labels.flatMap((one, index) => labels.slice(index + 1).filter((other) => {
+    const [a, b] = [one.getBoundingClientRect(), other.getBoundingClientRect()];
+    const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+    return wide > least && Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top) > least;
+  }).map((other) => `${one.textContent} / ${other.textContent}`));
+}
+"""
+APART = """
+async () => {
+  const { apart } = await import('/static/trace.js');
+  const box = (top, left) => ({ top, left, right: left + 50 });
+  return apart([box(0, 0), box(4, 10), box(20, 20), box(5, 200)]);
+}
+"""
 COUNT_NODES = "() => document.querySelectorAll('#panel-trace *').length"
 
 
@@ -72,6 +90,8 @@ def test_a_stop_by_the_rangefinder_is_said_drawn_and_copied(page: Page, server: 
         assert drawn(page, name), f"{name} is to be seen"
     assert "θ_opt 3° left" in picture.text_content()
     assert "sonar 1.4 m" in picture.text_content()
+    assert page.evaluate(LABELS_OVER_EACH_OTHER) == []
+    assert page.evaluate(APART) == [0, 13, 26, 5]
     assert not drawn(page, "chosen"), "nobody is told to go anywhere"
     expect(panel.locator("figcaption")).to_have_text("0.8 s before this decision")
     page.get_by_text("Step by step, with figures").click()
@@ -97,11 +117,12 @@ def test_a_stop_by_the_rangefinder_is_said_drawn_and_copied(page: Page, server: 
     assert not drawn(page, "cone")
     device.send(WalkerState(1000.2, "lost", "stop", "pose_lost"))
     expect(panel.locator(".trace-sentence")).to_have_text("Stop: the place in the map has been unknown.")
-    assert not drawn(page, "free"), "of an older device nothing is drawn, and nothing of the state before"
+    assert not drawn(page, "free"), "nothing of the state before"
+    assert "Z" in drawn(page, "unknown"), "nobody looked: that is hatched, and not left blank as if it were free"
     assert page.evaluate(COUNT_NODES) == nodes, "what changes are attributes"
     page.set_viewport_size({"width": 390, "height": 800})
     assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth"), "nothing juts out on a phone"
     device.socket.close()
     until(server.services.hub, lambda each: not each.connected)
     expect(panel.locator(".trace")).to_have_attribute("data-freshness", "lost")
-    assert float(panel.locator(".trace-pictures").evaluate("(e) => getComputedStyle(e).opacity")) < 1.0
+    assert "grayscale" in panel.locator(".trace-pictures").evaluate("(e) => getComputedStyle(e).filter")

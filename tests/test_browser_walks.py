@@ -5,13 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from browser import become_admin, chromium
+from accessibility import faults
+from browser import become_admin, chromium, until
 from console_room import serving
 from playwright.sync_api import expect
 from recorded_walk import STORED_WALK
-from test_browser_pages_accessible import faults
 from test_past_walks import take
 
+from console.view_requests import EndPast, ShowPast, ViewRequest
 from navcore.site import Site, save_site
 
 pytestmark = pytest.mark.browser
@@ -61,6 +62,27 @@ def test_a_past_walk_is_played_scrubbed_and_stepped(small_site: Site, tmp_path: 
         assert page.locator(".plan-walker").get_attribute("transform") != before, (
             "the walker stands elsewhere on the plan"
         )
+
+        # In the scene of this person, for as long as the page goes on; without one, it says so.
+        button = page.locator("#in-scene")
+        button.click()
+        expect(page.locator(".toast").last).to_contain_text("No scene is open")
+        expect(button).to_have_text("Show in the scene")
+        heard: list[ViewRequest] = []
+        tokens = [cookie.get("value", "") for cookie in page.context.cookies()]
+        person = next(found for token in tokens if (found := server.services.accounts.signed_in(token)) is not None)
+        server.services.views.subscribe(person.session_id, heard.append)
+        button.click()
+        expect(button).to_have_attribute("aria-pressed", "true")
+        page.keyboard.press("End")
+        until(
+            page,
+            lambda: any(isinstance(each, ShowPast) and each.at_s > 15.0 for each in heard),
+            "the end of the walk in the scene",
+        )
+        page.keyboard.press("Home")
+        button.click()
+        until(page, lambda: isinstance(heard[-1], EndPast), "the end of the past in the scene")
 
         # Marks: the list and the keys go to the same instants.
         page.locator("#marks li", has_text="The console paused guidance.").get_by_role("button").first.click()

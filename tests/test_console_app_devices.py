@@ -26,6 +26,7 @@ from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.site import Site, map_checksum, save_site, unpack_site
 from navcore.wire import (
+    ORDER_HOLDS_S,
     PROTOCOL_VERSION,
     ApplySettings,
     BeginMapWalk,
@@ -39,6 +40,7 @@ from navcore.wire import (
     MapRunning,
     MapWalkRunning,
     MapWalkSeen,
+    Pause,
     Ping,
     Pong,
     PublishGraph,
@@ -49,6 +51,7 @@ from navcore.wire import (
     SettingsRunning,
     WalkerState,
     Welcome,
+    expired_text,
 )
 
 
@@ -252,6 +255,22 @@ def test_pause_resume_clear_and_say_are_seen_to_run(
     fate(server, "repeat", "running")
     for bad in ({"text": ""}, {"text": "   "}, {"text": "x" * 301}, {"text": "a\x07b"}, {"word": "a"}, None):
         assert asked(admin, "say", bad).status_code == 400
+
+
+def test_an_order_says_until_when_it_holds_on_the_devices_clock_and_one_that_came_too_late_is_shown_as_refused(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    hub = server.services.hub
+    ping = device.next(Ping)
+    device.send(Pong(ping.console_sent_s, ping.console_sent_s + 5000.0, ping.console_sent_s + 5000.0))
+    until(hub, lambda d: d.clock_uncertainty_s is not None)
+    before_s = hub.now_s()
+    asked(admin, "pause").raise_for_status()
+    order = device.next(Pause)
+    assert order.expires_s is not None
+    assert before_s <= order.expires_s - ORDER_HOLDS_S - 5000.0 <= hub.now_s() + 5.0
+    device.send(Event(1, 1000.0, "link", expired_text(order)))
+    assert fate(server, "pause", "refused") == "It came too late: the device does not carry it out."
 
 
 def test_a_map_walk_is_begun_and_ended_and_what_it_sees_is_shown(

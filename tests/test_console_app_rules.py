@@ -89,6 +89,8 @@ def test_each_role_reaches_exactly_what_its_rules_say(role: str, people: dict[st
         permitted = RULES[method, path].permits(None if role == NOBODY else role)  # type: ignore[arg-type]
         refused = answer.status_code in (401, 403, 303)
         assert refused == (not permitted), f"{role} {method} {path}: {answer.status_code} {answer.text[:200]}"
+        if role != NOBODY and refused and method == "GET" and not path.startswith("/api/"):
+            assert "not for your role" in answer.text, "a page for people"
         if refused and path.startswith("/api/"):
             assert answer.status_code == (401 if role == NOBODY else 403)
             assert answer.json()["error"].endswith((".", "over."))

@@ -54,7 +54,9 @@ def test_no_message_of_the_overview_holds_more_than_a_few_rows() -> None:
     told = list(messages({}, rows))
     assert max(len(message["rows"]) for message in told) == ROWS_AT_ONCE_COUNT
     assert {key for message in told for key in message["rows"]} == set(rows)
-    assert list(messages(rows, rows)) == [{"rows": {}, "gone": [], "count": 120}], "silence is never sent"
+    assert list(messages(rows, rows)) == [{"rows": {}, "gone": [], "count": 120, "anew": False}], (
+        "silence is never sent"
+    )
 
 
 def test_a_place_is_told_in_the_words_of_the_map(small_site: Site) -> None:

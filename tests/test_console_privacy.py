@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import hashlib
 import json
+import os
+import sqlite3
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -15,16 +18,21 @@ import numpy as np
 import pytest
 from console_room import WAIT_S, DialledDevice, Person, hello_of, invited, until
 from device_hall import Rig
+from sqlalchemy import event
+from test_alerts_engine import Room
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
 from console.access import AccessLog
+from console.alerts import incidents
+from console.alerts.incidents import Cause
 from console.device_store import DeviceStore
+from console.errors import NoRoomError
 from console.live import LiveDevice
 from console.recordings import Recordings
-from console.retention import DEFAULT_DAYS, Retention
+from console.retention import DEFAULT_DAYS, Retention, UndeletedError
 from console.server import ConsoleServer
-from console.store import Store
+from console.store import DATABASE_FILE, Store
 from console.watching import AWAY_S, GRACE_S, SAYS_AT_LEAST_EVERY_S, Watching
 from device_agent.adapters.clocks import SteppedClock
 from device_agent.journal import EventJournal
@@ -103,6 +111,8 @@ def test_a_page_that_is_loaded_anew_says_nothing_and_one_that_is_gone_does(hands
 def test_a_page_that_says_no_more_shows_nothing_and_is_sent_nothing(hands: Hands) -> None:
     hands.watching.opened("page", "Anna", says=True)
     hands.watching.shows("page", frozenset({"glasses"}))
+    assert not hands.watching.sees("page", "glasses"), "the walker has not been told yet"
+    hands.watching.look()
     assert hands.watching.sees("page", "glasses")
     assert not hands.watching.sees("page", "spare")
     hands.pass_s(SAYS_AT_LEAST_EVERY_S + 0.1)
@@ -134,13 +144,32 @@ def test_whoever_still_shows_a_walker_whose_link_breaks_watches_on_but_not_for_e
 def test_a_scene_counts_only_where_its_person_has_no_page(hands: Hands) -> None:
     hands.watching.opened("scene", "Anna", says=True, counts_alone=True)
     hands.watching.shows("scene", frozenset({"glasses"}))
-    assert hands.watching.scene_sees("scene", "glasses")
+    assert not hands.watching.scene_sees("scene", "glasses"), "the walker has not been told yet"
     hands.watching.look()
+    assert hands.watching.scene_sees("scene", "glasses")
     assert hands.told == [("glasses", ("Anna",))]
     hands.watching.opened("page", "Anna", says=True)
     assert not hands.watching.scene_sees("scene", "glasses"), "the page shows no device, so that the scene shows none"
     hands.pass_s(GRACE_S + 0.1)
     assert hands.told[-1] == ("glasses", ())
+
+
+def test_the_walker_is_told_though_nothing_can_be_written_down_which_is_done_later(
+    hands: Hands, tmp_path: Path
+) -> None:
+    """Another program holds the database; the devices hear of it all the same."""
+    event.listen(hands.store._engine, "checkout", lambda found, *_: found.execute("PRAGMA busy_timeout=50"))
+    other = sqlite3.connect(tmp_path / DATABASE_FILE, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    hands.watching.opened("page", "Anna", says=False)
+    hands.watching.look()
+    assert dict(hands.told) == {"glasses": ("Anna",), "spare": ("Anna",)}
+    assert hands.watching.sees("page", "spare")
+    assert hands.access.latest(10) == []
+    other.execute("ROLLBACK")
+    other.close()
+    hands.pass_s(1.0)
+    assert {entry.device_id for entry in hands.access.latest(10)} == {"glasses", "spare"}
 
 
 # ------------------------------------------------------------------------------------------------------ access log
@@ -246,6 +275,101 @@ def test_a_file_that_cannot_be_deleted_is_told_and_hinders_nothing_else(hands: H
     stuck.file.rmdir()
     assert retention.run().problems == (), "it is tried again"
     assert recordings.all() == ()
+
+
+def test_whatever_is_wrong_with_one_kind_the_others_go_and_it_is_shown(hands: Hands) -> None:
+    def torn(wall_s: float) -> int:
+        raise ValueError("not a number")
+
+    hands.access.note("Anna", "export")
+    hands.wall_s += 30 * DAY_S
+    retention = Retention(hands.store, {"Walks": torn, "Access log": hands.access.delete_before})
+    run = retention.run()
+    assert (run.deleted, run.problems) == ({"Access log": 1}, ("Walks: not a number",))
+    assert retention.last_run == run
+
+
+def test_what_a_reader_kept_from_being_wiped_is_wiped_at_the_next_run_also_by_another_console(
+    hands: Hands, tmp_path: Path
+) -> None:
+    event.listen(hands.store._engine, "checkout", lambda found, *_: found.execute("PRAGMA busy_timeout=50"))
+    hands.access.note("Anna", "past_walk", "glasses", SECRET)
+    reader = sqlite3.connect(tmp_path / DATABASE_FILE)
+    reader.execute("BEGIN")
+    reader.execute("SELECT count(*) FROM sqlite_master").fetchall()
+    hands.wall_s += 30 * DAY_S
+    (problem,) = Retention(hands.store, {"Access log": hands.access.delete_before}).run().problems
+    assert "wiped at the next run" in problem
+    assert found_in(tmp_path, SECRET) != []
+    reader.close()
+    run = Retention(hands.store, {"Access log": hands.access.delete_before}).run()
+    assert (run.deleted, run.problems) == ({"Access log": 0}, ())
+    assert found_in(tmp_path, SECRET) == []
+
+
+def test_what_nobody_describes_any_more_is_deleted_by_its_age_but_for_map_walks(hands: Hands, tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "recordings", lambda: hands.wall_s, lambda _: 1 << 40)
+    keep(recordings, "walk", f"old {SECRET}".encode())
+    of_the_map = keep(recordings, "recording", b"of a map walk")
+    young = keep(recordings, "walk", b"a walk of today")
+    for description in recordings.folder.glob("*.json"):
+        description.write_bytes(b"{")
+    for path in recordings.folder.iterdir():
+        if young not in path.name:
+            os.utime(path, (NOW_S, NOW_S))
+        else:
+            os.utime(path, (NOW_S + 10 * DAY_S, NOW_S + 10 * DAY_S))
+    assert recordings.delete_before(NOW_S + DAY_S) == 1
+    assert found_in(tmp_path, SECRET) == []
+    left = {path.name for path in recordings.folder.iterdir()}
+    assert {name for name in left if of_the_map in name or young in name} == left
+    assert len(left) == 4
+
+
+def test_an_incident_that_is_deleted_by_halves_or_damaged_is_deleted_at_the_next_run(tmp_path: Path) -> None:
+    room = Room(tmp_path)
+    room.call()
+    folder = room.incidents.folder / room.incidents.keep("glasses", Cause(0.0, "asked", ""))
+    room.incidents.close()
+    stuck = folder / "in the way"
+    stuck.mkdir()
+    with pytest.raises(UndeletedError, match=folder.name):
+        room.incidents.delete_before(2e9)
+    assert len(room.incidents.all()) == 1, "it is still there to be seen"
+    stuck.rmdir()
+    (folder / "manifest.json").write_bytes(b"{")
+    os.utime(folder / "manifest.json", (NOW_S, NOW_S))
+    for path in (*folder.iterdir(), folder):
+        os.utime(path, (NOW_S, NOW_S))
+    assert room.incidents.delete_before(NOW_S - 1.0) == 0
+    assert room.incidents.delete_before(NOW_S + 1.0) == 1
+    assert list(room.incidents.folder.iterdir()) == []
+
+
+def test_an_incident_that_could_not_be_begun_leaves_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    room = Room(tmp_path)
+    room.call()
+
+    def full(path: Path, data: bytes) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(incidents, "write_whole", full)
+    with pytest.raises(NoRoomError):
+        room.incidents.keep("glasses", Cause(0.0, "asked", ""))
+    assert list(room.incidents.folder.iterdir()) == []
+
+
+def test_a_colour_picture_is_forgotten_when_its_time_is_over_though_the_device_says_nothing(tmp_path: Path) -> None:
+    room = Room(tmp_path)
+    room.call()
+    room.send(SharingRunning(True, False, ("Ben",), "Ben", room.now_s + 60.0))
+    room.hub.receive("glasses", ColourImage(room.now_s, b"a kitchen"))
+    room.hub.forget_colours()
+    assert room.hub.colour_image("glasses", "Ben").jpeg == b"a kitchen"
+    room.now_s += 60.1
+    room.hub.forget_colours()
+    assert room.hub._colours == {}
+    assert room.hub.device("glasses").colour_stamp_s is None
 
 
 # ------------------------------------------------------------------------------------------------- the whole of it
@@ -383,6 +507,20 @@ def test_what_is_said_to_a_walker_is_not_in_the_audit_log(
     assert not any(SECRET in row["detail"] for row in rows)
 
 
+def test_who_looks_at_lists_of_what_is_kept_has_looked(ada: Person, ben: Person) -> None:
+    for path in ("walks", "alerts", "alerts?device=glasses", "incidents"):
+        ben.http.get(f"/api/{path}").raise_for_status()
+    ada.http.get("/api/what-if/walks").raise_for_status()
+    log = ada.http.get("/api/privacy").json()["accesses"]
+    assert {(each["who"], each["what"], each["device"], each["detail"]) for each in log} == {
+        ("Ada", "past_walk", "", "the list of walks"),
+        ("Ben", "past_walk", "", "the list of walks"),
+        ("Ben", "incident", "", "earlier alerts"),
+        ("Ben", "incident", "glasses", "earlier alerts"),
+        ("Ben", "incident", "", "the list of incidents"),
+    }
+
+
 def test_it_is_deleted_as_the_console_starts(ada: Person) -> None:
     end_s = time.monotonic() + WAIT_S
     while ada.http.get("/api/privacy").json()["last_run"] is None:
@@ -423,6 +561,7 @@ def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
             ben.http.post("/api/devices/glasses/colour", json={"why": "which door"}).raise_for_status()
             walk_until(lambda: heard("Ben asks to see pictures: which door."))
             assert ben.http.get("/api/devices/glasses/colour.jpg").status_code == 404
+            walk_until(lambda: (question := rig.agent.state.privacy.question) and question.heard)
             rig.press(Button.NEXT, PressKind.LONG)
             walk_until(lambda: seen(lambda each: each.colour_stamp_s is not None))
             picture = ben.http.get("/api/devices/glasses/colour.jpg").raise_for_status().content

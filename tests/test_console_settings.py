@@ -36,7 +36,7 @@ from device_agent.state import DeviceState, StoreSettings
 from navcore.errors import VbrError
 from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
-from navcore.settings import Settings
+from navcore.settings import Settings, SettingValue
 from navcore.wire import (
     PROTOCOL_VERSION,
     ApplySettings,
@@ -74,7 +74,7 @@ def revisions(person: Person) -> list[dict[str, Any]]:
 def tried_out(server: ConsoleServer, admin: Person, device: DialledDevice) -> ApplySettings:
     change(admin, {DELTA: 1.5}, confirmed=True, why="glass doors").raise_for_status()
     order = device.next(ApplySettings)
-    device.send(SettingsRunning(order.revision, order.values, revert_at_s=1060.0))
+    device.send(SettingsRunning(order.revision, DEFAULTS | order.values, revert_at_s=1060.0))
     until(server.services.hub, lambda d: d.settings_revert_at_s is not None)
     return order
 
@@ -93,7 +93,7 @@ def test_what_safety_hangs_on_is_tried_out_and_kept_by_whoever_says_so(
     assert admin.http.post(f"{SETTINGS}/keep", json={"revision": order.revision + 1}).status_code == 409
     admin.http.post(f"{SETTINGS}/keep", json={"revision": order.revision}).raise_for_status()
     assert device.next(KeepSettings) == KeepSettings(order.revision)
-    device.send(SettingsRunning(order.revision, order.values))
+    device.send(SettingsRunning(order.revision, DEFAULTS | order.values))
     kept = until(server.services.hub, lambda d: d.settings_revert_at_s is None)
     assert [command.state for command in kept.commands] == ["running", "running"]
     assert revisions(admin)[0]["state"] == "running"
@@ -154,7 +154,7 @@ def test_what_safety_hangs_on_is_locked_while_somebody_is_led_unless_it_is_said_
     change(admin, {"cues.announce_m": 8.0}).raise_for_status()
     order = device.next(ApplySettings)
     assert (order.revert_after_s, order.override_reason) == (0.0, "")
-    device.send(SettingsRunning(order.revision, order.values))
+    device.send(SettingsRunning(order.revision, DEFAULTS | order.values))
     until(server.services.hub, lambda d: d.settings_revision == order.revision)
     change(admin, {DELTA: 1.5}, confirmed=True, override_reason="Rain.", trial_s=20).raise_for_status()
     order = device.next(ApplySettings)
@@ -169,13 +169,13 @@ def test_an_earlier_revision_is_gone_back_to_as_a_new_one_that_says_so(
     for announce_m in (8.0, 9.0):
         change(admin, {"cues.announce_m": announce_m}).raise_for_status()
         order = device.next(ApplySettings)
-        device.send(SettingsRunning(order.revision, order.values))
+        device.send(SettingsRunning(order.revision, DEFAULTS | order.values))
         until(server.services.hub, lambda d, number=order.revision: d.settings_revision == number)
     same = admin.http.post(f"{SETTINGS}/back", json={"revision": 2})
     assert (same.status_code, "already" in same.json()["error"]) == (400, True)
     assert admin.http.post(f"{SETTINGS}/back", json={"revision": 77}).status_code == 404
     admin.http.post(f"{SETTINGS}/back", json={"revision": 1, "why": "Too late."}).raise_for_status()
-    assert device.next(ApplySettings).values == DEFAULTS | {"cues.announce_m": 8.0}
+    assert device.next(ApplySettings).values == {"cues.announce_m": 8.0}, "what is not changed is not sent"
     newest = revisions(admin)[0]
     assert (newest["revision"], newest["why"]) == (3, "Back to revision 1. Too late.")
     assert newest["changes"] == {"cues.announce_m": [9.0, 8.0]}
@@ -293,9 +293,9 @@ class Glasses:
         self.hub.connect(hello, "Glasses", self)
         self.joined = True
         self.tell(running(self.state))
-        wanted = self.store.wanted_revision("glasses")
-        if wanted is not None and wanted.revision > hello.settings_revision:
-            self.send(ApplySettings(wanted.revision, dict(wanted.values)))
+        order = self.store.order_at_joining("glasses", hello.settings_revision)
+        if order is not None:
+            self.send(order)
 
     def cut(self) -> None:
         """Lose the link, and what was on the way."""
@@ -351,6 +351,13 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 def acts(glasses: Glasses, tuning: Tuning) -> dict[str, Callable[[], object]]:
     """Return all that may happen, by name; what is refused raises."""
     sure, values = Consent(confirmed=True, override_reason="Because.", trial_s=10.0), iter(range(100))
+    ben_saw = [0]
+
+    def ben_looks() -> None:
+        ben_saw[0] = running_number()
+
+    def ben_applies(changes: dict[str, SettingValue]) -> None:
+        tuning.change("glasses", changes, "Ben", sure, ben_saw[0])
 
     def running_number() -> int:
         return glasses.hub.device("glasses").settings_revision
@@ -364,6 +371,9 @@ def acts(glasses: Glasses, tuning: Tuning) -> dict[str, Callable[[], object]]:
         "apply": lambda: tuning.change("glasses", {DELTA: 1.0 + next(values) / 100}, "Ada", sure),
         "apply badly": lambda: tuning.change("glasses", {DELTA: 1.9}, "Ada"),
         "apply quietly": lambda: tuning.change("glasses", {"cues.announce_m": 5.0 + next(values) / 100}, "Ada"),
+        "Ben looks": ben_looks,
+        "Ben applies": lambda: ben_applies({"cues.announce_m": 8.0 + next(values) / 100}),
+        "Ben applies another": lambda: ben_applies({"cues.turn_lead_s": 2.0 + next(values) / 100}),
         "keep": lambda: tuning.keep("glasses", running_number(), "Ada", keep=True),
         "give up": lambda: tuning.keep("glasses", running_number(), "Ada", keep=False),
         "go back": lambda: tuning.back_to("glasses", max(1, running_number() - 1), "Ada", sure),
@@ -380,7 +390,7 @@ def acts(glasses: Glasses, tuning: Tuning) -> dict[str, Callable[[], object]]:
 
 NAMES = (
     "apply", "apply badly", "apply quietly", "keep", "give up", "go back", "take orders", "wait", "time out", "cut",
-    "join", "restart", "walk", "stand",
+    "join", "restart", "walk", "stand", "Ben looks", "Ben applies", "Ben applies another",
 )  # fmt: skip
 
 
@@ -411,3 +421,76 @@ def test_whatever_happens_the_console_shows_what_the_device_runs_and_the_device_
         assert revision.state != "trying", "time is up for all of them"
         if revision.revision == shown.settings_revision:
             assert (revision.state, dict(revision.values)) == ("running", shown.settings)
+    assert told_by_log(store) == shown.settings, "what one technician changed is undone by none who did not see it"
+
+
+def told_by_log(store: SettingsStore) -> dict[str, SettingValue]:
+    """What must run by the log: every change that was kept, from what it was to what it is."""
+    values = Settings().values()
+    for revision in reversed(store.revisions("glasses", 50)):
+        for key, (before, after) in revision.changes.items() if revision.state == "running" else ():
+            assert values[key] == before, f"revision {revision.revision} says that it changed what ran"
+            values[key] = after
+    return values
+
+
+@pytest.mark.parametrize("order", [("Ada", "Ben"), ("Ben", "Ada")])
+def test_of_two_who_change_at_once_one_is_told_that_something_else_runs_by_now(
+    server: ConsoleServer, admin: Person, device: DialledDevice, order: tuple[str, str]
+) -> None:
+    people = {"Ada": admin, "Ben": invited(admin, "Ben", "technician")}
+    changes: dict[str, dict[str, object]] = {"Ada": {"cues.announce_m": 8.0}, "Ben": {"cues.direction_style": "clock"}}
+    for name in order:
+        change(people[name], changes[name], seen_revision=0).raise_for_status()
+    first, second = device.next(ApplySettings), device.next(ApplySettings)
+    assert (first.values, first.base_revision) == (changes[order[0]], 0)
+    assert (second.values, second.base_revision) == (changes[order[1]], 0)
+    glasses = DeviceState(Settings(), PoiGraph(), mode=Mode.READY)
+    for each in (first, second):
+        glasses, effects = carry_out(glasses, each, 0.0)
+        for effect in effects:
+            if isinstance(effect, SettingsRunning):
+                device.send(effect)
+    shown = until(server.services.hub, lambda d: d.commands[-1].state == "refused")
+    assert shown.settings == DEFAULTS | first.values
+    assert [command.state for command in shown.commands] == ["running", "refused"]
+    assert "look at what runs, and apply it anew" in revisions(admin)[0]["refusal"]
+    late = change(people[order[1]], changes[order[1]], seen_revision=0)
+    assert (late.status_code, "runs revision 1 by now" in late.json()["error"]) == (409, True)
+    change(people[order[1]], changes[order[1]], seen_revision=1).raise_for_status()
+
+
+def test_what_a_device_runs_is_not_changed_before_it_has_told_it(server: ConsoleServer, admin: Person) -> None:
+    token = str(admin.http.post("/api/tokens", json={"name": "Lead glasses"}).raise_for_status().json()["token"])
+    dialled = DialledDevice(server.ready.url, token, hello_of(server, settings_revision=7))
+    with dialled.socket:
+        dialled.next(Welcome)
+        until(server.services.hub, lambda d: d.connected)
+        refused = change(admin, {"cues.announce_m": 8.0})
+        assert (refused.status_code, "has not told yet what it runs" in refused.json()["error"]) == (409, True)
+        assert (
+            admin.http.post("/api/settings/presets", json={"name": "Mine", "device_id": "glasses"}).status_code == 409
+        )
+        dialled.send(SettingsRunning(7, DEFAULTS | {DELTA: 1.5}))
+        until(server.services.hub, lambda d: d.settings is not None)
+        change(admin, {"cues.announce_m": 8.0}).raise_for_status()
+        order = dialled.next(ApplySettings)
+        assert (order.values, order.base_revision) == ({"cues.announce_m": 8.0}, 7), "δ is not set to its default"
+
+
+def test_a_device_that_lost_what_was_kept_is_asked_for_it_again_and_for_nothing_that_it_never_acknowledged(
+    server: ConsoleServer, admin: Person, device: DialledDevice
+) -> None:
+    tried_out(server, admin, device)
+    kept = DEFAULTS | {DELTA: 1.5}
+    device.send(SettingsRunning(1, kept))
+    until(server.services.hub, lambda d: d.settings_revert_at_s is None)
+    change(admin, {"cues.announce_m": 8.0}).raise_for_status()
+    device.socket.close()
+    until(server.services.hub, lambda d: not d.connected)
+    token = str(admin.http.post("/api/tokens", json={"name": "Lead glasses"}).json()["token"])
+    again = DialledDevice(server.ready.url, token, hello_of(server))
+    with again.socket:
+        order = again.next(ApplySettings)
+        assert order == ApplySettings(1, kept, base_revision=0, kept_before=True)
+        assert revisions(admin)[0]["state"] == "unanswered"

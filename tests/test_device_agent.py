@@ -469,3 +469,16 @@ def test_no_way_begins_at_a_place_that_is_not_sure(rig: Rig) -> None:
     assert rig.agent.state.route is None
     rig.agent._locator = InLine(FakeLocalizer(sure))
     assert rig.cycles(6)[-1].guidance.action is Action.WALK
+
+
+def test_an_order_that_has_waited_too_long_in_the_device_itself_is_not_carried_out() -> None:
+    rig = Rig()
+    rig.lead_to()
+    rig.agent.submit(Pause(order_id=9), 2.0)
+    rig.clock.sleep_until(rig.clock.now_s() + 3.0)
+    rig.cycles(3)
+    assert rig.agent.state.purpose is Mode.GUIDING
+    assert rig.events("link") == ["Order 9 came too late and is not carried out: pause."]
+    rig.agent.submit(Pause(order_id=10), 2.0)
+    rig.cycles(2)
+    assert rig.agent.state.purpose is Mode.PAUSED

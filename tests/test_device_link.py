@@ -37,6 +37,7 @@ from navcore.wire import (
     WalkerState,
     decode_from_device,
     encode,
+    tells_expired,
 )
 
 
@@ -52,7 +53,7 @@ class Device:
     def hello(self) -> Hello:
         return Hello(PROTOCOL_VERSION, "glasses", "0.1.0", "small", "c0ffee", 3, 7, 100.0)
 
-    def submit(self, order: ConsoleMessage | LinkStands) -> None:
+    def submit(self, order: ConsoleMessage | LinkStands, holds_s: float = np.inf) -> None:
         with self.changed:
             if isinstance(order, LinkStands):
                 self.links.append(order.joined)
@@ -139,6 +140,18 @@ def test_orders_reach_the_device_in_order(console: Console, link: ConsoleLink, d
         console.send(order)
     device.wait_for(lambda: len(device.orders) == 4)
     assert device.orders == orders
+
+
+def test_an_order_that_comes_too_late_is_not_carried_out_and_the_console_is_told(
+    console: Console, link: ConsoleLink, device: Device
+) -> None:
+    # The clock of the device stands at 100 s.
+    console.send(Pause(order_id=4, expires_s=99.5))
+    console.send(Resume(order_id=5, expires_s=101.0))
+    device.wait_for(lambda: bool(device.orders))
+    assert [type(order) for order in device.orders] == [Resume]
+    console.wait_for(lambda: any(tells_expired(event, 4) for event in console.stored))
+    assert not any(tells_expired(event, 5) for event in console.stored)
 
 
 def test_a_refusal_is_never_the_answer_to_an_order_of_the_next_connection(console: Console, link: ConsoleLink) -> None:

@@ -113,6 +113,24 @@ def test_the_list_goes_round_and_names_last_what_cannot_be_reached() -> None:
     assert [poi.id for poi in places(standing(), "name")] == ["annex", "hall", "loft", "bar", "wash"], "as it is called"
 
 
+def test_the_list_keeps_its_order_while_it_is_open_however_far_the_walker_goes_meanwhile() -> None:
+    state, _ = press(standing(), Button.NEXT)
+    named = [state.menu.entry_id] if state.menu is not None else []
+    for x_m in (8.0, 15.0, 19.0, 19.0):
+        state, _ = press(replace(state, located=located(x_m)), Button.NEXT)
+        assert state.menu is not None
+        named.append(state.menu.entry_id)
+    assert named == ["hall", "bar", "wash", "annex", "loft"], "each once, though the nearest is another by now"
+    state, said = press(replace(state, graph=replace_pois(GRAPH, without="hall")), Button.NEXT)
+    assert heard((state, said)) == ["the bar, 9 metres. 1 of 4."], "a place that is gone is left out"
+
+
+def replace_pois(graph: PoiGraph, *, without: str) -> PoiGraph:
+    pois = {key: poi for key, poi in graph.pois.items() if key != without}
+    edges = {key: each for key, each in graph.edges.items() if without not in (each.a, each.b)}
+    return PoiGraph(graph.version + 1, pois, edges)
+
+
 def test_a_held_next_sorts_by_name_then_opens_privacy_and_again_sorts_by_distance() -> None:
     step = press(standing(), Button.NEXT)
     step = press(step[0], Button.NEXT, PressKind.LONG)

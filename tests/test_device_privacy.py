@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import subprocess
 import sys
 import threading
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from device_agent.silhouette import COLOUR_LONGEST_PX, colour_jpeg
-from device_hall import Rig
+from device_hall import Rig, pose_at
 
+from device_agent.cli import main
 from device_agent.consent_watch import ConsentWatch
+from device_agent.device_options import DeviceOptions
+from device_agent.device_process import _kept
 from device_agent.device_store import DeviceStore
 from device_agent.outbox import Outbox
 from device_agent.ports import Button, PressKind
@@ -23,10 +27,11 @@ from device_agent.recording.reading import RecordedPart
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.replay import replay
 from device_agent.recording.walk_files import parts_in
-from device_agent.sharing import Consent, LinkStands
+from device_agent.sharing import NOTHING_SHARED, Consent, LinkStands
 from navcore.cues.privacy_words import accesses_text, names_text
 from navcore.cues.table import CueKind, CuePriority
 from navcore.modes import Mode
+from navcore.silhouette import COLOUR_LONGEST_PX, colour_jpeg
 from navcore.types import Frame
 from navcore.wire import (
     MESSAGES,
@@ -36,6 +41,7 @@ from navcore.wire import (
     AskColour,
     ColourImage,
     DepthImage,
+    Say,
     SharingRunning,
     Watchers,
     encode,
@@ -90,6 +96,16 @@ def test_the_walker_hears_who_comes_and_who_goes_and_the_console_that_they_have_
     assert told(rig) == ()
 
 
+def test_who_watches_is_neither_said_again_by_repeat_nor_shown_as_what_was_heard_last() -> None:
+    rig = Rig()
+    rig.agent.submit(Say("Lunch is ready."))
+    pass_s(rig, 3.0)
+    watched_by(rig, "Anna")
+    assert said(rig) == ["Anna is watching."]
+    assert rig.uplink.states[-1].last_cue == "Lunch is ready."
+    assert rig.press(Button.REPEAT) == ["Lunch is ready."]
+
+
 def test_the_console_is_told_only_once_the_words_have_been_spoken() -> None:
     rig = Rig()
     rig.cycles(3)
@@ -129,6 +145,25 @@ def test_nothing_on_privacy_cuts_off_an_instruction_and_it_is_heard_all_the_same
         "Anna is watching.",
         "Anna asks to see pictures: which door is it. Hold next to allow it for one minute.",
     } == (set(said(rig)))
+
+
+def test_who_watches_is_said_in_a_gap_and_not_begun_again_and_again_between_instructions() -> None:
+    rig = Rig()
+    rig.lead_to()
+    rig.agent.submit(Watchers(("Anna",)))
+    for number in range(200):
+        # Whoever sways is steered all the time.
+        rig.pose = pose_at(1.0 + 0.05 * number, 0.0, np.radians(14.0 if number // 6 % 2 else -14.0))
+        rig.cycles(1)
+    begun_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.WATCHED]
+    assert len(begun_s) <= 2
+    assert all(later - earlier >= 10.0 for earlier, later in itertools.pairwise(begun_s))
+    for begin_s in begun_s:
+        before_s = [cue.stamp_s for cue in rig.output.cues if cue.kind is CueKind.STEER and cue.stamp_s < begin_s]
+        assert not before_s or begin_s - before_s[-1] >= 1.0
+    rig.pose = pose_at(11.0)
+    pass_s(rig, 15.0)
+    assert told(rig) == ("Anna",), "it is heard as soon as there is a gap"
 
 
 def test_brief_walkers_hear_who_comes_and_not_who_goes() -> None:
@@ -205,7 +240,7 @@ def test_no_answer_is_no_and_a_refusal_says_so_at_once() -> None:
     assert rig.messages(SharingRunning)[-1].refusal == "The walker has not answered."
     assert said(rig)[-1] == "No pictures are shown."
     rig.agent.submit(AskColour(8, "Anna"))
-    rig.cycles(1)
+    rig.cycles(2)
     assert "No pictures." in rig.press(Button.PREVIOUS, LONG)
     pass_s(rig, 5.0)
     assert (rig.messages(SharingRunning)[-1].answered_id, rig.uplink.colour_images) == (8, [])
@@ -216,11 +251,11 @@ def test_what_was_allowed_ends_at_once_by_button_with_who_asked_with_the_link_an
     rig = Rig()
     watched_by(rig, "Anna", "Ben")
     rig.agent.submit(AskColour(7, "Anna"))
-    rig.cycles(10)
+    pass_s(rig, 12.0)
     heard = len(rig.output.cues)
     rig.press(Button.NEXT, LONG)
     rig.cycles(40)
-    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked to the end"
+    assert CueKind.CONSENT not in rig.heard[heard:], "what is answered is not asked again"
     assert rig.uplink.colour_images
     if how == "button":
         rig.press(Button.PREVIOUS, LONG)
@@ -242,6 +277,21 @@ def test_while_somebody_asks_the_other_buttons_mean_what_they_always_do() -> Non
     rig.press(Button.MAIN)
     assert rig.agent.state.mode is Mode.PAUSED
     assert rig.agent.state.privacy.question is not None, "the question is still open"
+
+
+def test_nobody_allows_what_they_have_not_heard_to_the_end_nor_refuses_what_they_do_not_know_of() -> None:
+    rig = Rig()
+    watched_by(rig, "Anna")
+    rig.agent.submit(AskColour(7, "Anna", "which door is it"))
+    assert not any("No pictures" in words for words in rig.press(Button.PREVIOUS, LONG))
+    assert rig.agent.state.privacy.question is not None, "it was asked, and is not heard yet"
+    pass_s(rig, 1.0)
+    rig.press(Button.NEXT, LONG)
+    pass_s(rig, 1.0)
+    assert rig.agent.state.privacy.colour is None, "the question has not been heard to its end"
+    pass_s(rig, 20.0)
+    rig.press(Button.NEXT, LONG)
+    assert rig.agent.state.privacy.colour is not None
 
 
 def test_a_second_question_is_refused_while_the_first_is_open() -> None:
@@ -315,7 +365,9 @@ def test_what_is_shared_is_changed_by_ear_and_kept_over_a_restart(tmp_path: Path
 def test_consent_said_on_the_command_line_is_heeded_by_the_running_device(tmp_path: Path) -> None:
     store, heard = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
     there = threading.Event()
-    watch = ConsentWatch(store, Consent(), lambda consent: (heard.append(consent), there.set())[0])
+    watch = ConsentWatch(
+        store, Consent(), lambda consent: (heard.append(consent), there.set())[0], store.consent_stamp()
+    )
     watch.start()
     try:
         done = subprocess.run(
@@ -331,10 +383,87 @@ def test_consent_said_on_the_command_line_is_heeded_by_the_running_device(tmp_pa
 
 def test_consent_that_cannot_be_read_shares_nothing(tmp_path: Path) -> None:
     store, heard = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
-    watch = ConsentWatch(store, Consent(), heard.append)
+    watch = ConsentWatch(store, Consent(), heard.append, store.consent_stamp())
     (tmp_path / "consent.json").write_bytes(b"{broken")
     watch.look()
-    assert heard == [Consent(silhouettes=False, walks=False)]
+    assert heard == [NOTHING_SHARED]
+    rig = Rig(store=store)
+    rig.agent.submit(NOTHING_SHARED)
+    rig.cycles(1)
+    assert not rig.messages(SharingRunning)[-1].silhouettes
+    rig.agent.settle()
+    assert not store.load_consent().silhouettes, "it is kept so that it can be read again"
+
+
+def test_what_the_walker_says_by_ear_is_not_undone_by_what_was_kept_before_it(tmp_path: Path) -> None:
+    """The walker switches pictures on and off again; what is read of the disk is still what they said first."""
+    store = DeviceStore(tmp_path, tmp_path / "site")
+    rig, read = Rig(store=store), list[Consent]()
+    store.save_consent(Consent(silhouettes=False, version=1))
+    rig.agent.submit(store.load_consent())
+    watch = ConsentWatch(store, Consent(), read.append, store.consent_stamp())
+    store.save_consent(Consent(silhouettes=True, version=2))
+    watch.look()
+    rig.agent.submit(read[0])
+    rig.cycles(1)
+    assert rig.messages(SharingRunning)[-1].silhouettes
+    open_privacy(rig)
+    rig.press(Button.NEXT)
+    rig.press(Button.NEXT)
+    rig.press(Button.MAIN)
+    rig.agent.submit(read[0])
+    rig.cycles(1)
+    assert not rig.messages(SharingRunning)[-1].silhouettes
+    rig.agent.settle()
+    assert store.load_consent() == Consent(silhouettes=False, version=3)
+
+
+def test_where_two_say_something_at_once_what_both_allow_is_shared(tmp_path: Path) -> None:
+    store, read = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
+    store.save_consent(Consent(silhouettes=True, walks=True, version=4))
+    watch = ConsentWatch(store, Consent(), read.append, store.consent_stamp())
+    store.change_consent(lambda kept: replace(kept, silhouettes=False, version=kept.version + 1))
+    store.save_consent(Consent(silhouettes=True, walks=False, version=5))  # from the walker's own list
+    watch.look()
+    assert read == [Consent(silhouettes=False, walks=False, version=6)]
+    (tmp_path / "consent.json").unlink()
+    watch.look()
+    store.save_consent(Consent(silhouettes=True, walks=True))  # by a program that knows nothing of what was there
+    watch.look()
+    rig = Rig()
+    for consent in read:
+        rig.agent.submit(consent)
+    rig.cycles(1)
+    assert not (told := rig.messages(SharingRunning)[-1]).silhouettes
+    assert not told.walks, "a file that was lost can only share less"
+
+
+def test_what_is_said_while_the_device_starts_is_not_overlooked(tmp_path: Path) -> None:
+    store, read = DeviceStore(tmp_path, tmp_path / "site"), list[Consent]()
+    options = DeviceOptions(tmp_path / "site", tmp_path, shares_walks=True)
+    kept = _kept(options, store)
+    assert kept.consent.walks
+    store.change_consent(lambda now: replace(now, walks=False, version=now.version + 1))
+    ConsentWatch(store, Consent(), read.append, kept.consent_stamp).look()
+    assert [consent.walks for consent in read] == [False]
+
+
+def test_a_device_that_shares_walks_from_its_start_says_so_and_only_as_long_as_it_is_started_so(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    store = DeviceStore(tmp_path, tmp_path / "site")
+    options = DeviceOptions(tmp_path / "site", tmp_path, shares_walks=True)
+
+    def printed(*said: str) -> str:
+        assert main(["consent", "--state", str(tmp_path), *said]) == 0
+        return capsys.readouterr().out
+
+    _kept(options, store)
+    assert "Recordings of walks to the console: yes" in printed()
+    assert not _kept(replace(options, shares_walks=False), store).consent.walks
+    assert "Recordings of walks to the console: no" in printed()
+    printed("--walks", "no")
+    assert not _kept(options, store).consent.walks, "the walker's own word holds"
 
 
 # ----------------------------------------------------------------------------------------------------- who has looked
@@ -391,6 +520,7 @@ def test_a_walk_on_which_somebody_watches_and_asks_is_replayed_to_the_same_words
         rig.cycles(25)
         recorder.check()
         if isinstance(order, AskColour):
+            rig.cycles(60)
             rig.press(Button.NEXT, LONG)
             rig.cycles(60)
             open_privacy(rig)

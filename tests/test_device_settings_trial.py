@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from device_agent.device_store import DeviceStore
 from device_agent.orders import carry_out
-from device_agent.settings_trial import after_trial
+from device_agent.settings_trial import TRIAL_S, after_trial
 from device_agent.state import DeviceState, Happened, Notice, RunSettings, StoreSettings
 from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
@@ -80,7 +80,8 @@ def test_while_something_is_tried_out_nothing_else_is_changed() -> None:
     ("mode", "beneath", "locked"),
     [
         (Mode.GUIDING, None, True), (Mode.LOST, None, True), (Mode.FAULT, Mode.GUIDING, True),
-        (Mode.PAUSED, None, False), (Mode.READY, None, False), (Mode.FAULT, Mode.READY, False),
+        (Mode.PAUSED, None, True), (Mode.FAULT, Mode.PAUSED, True),
+        (Mode.READY, None, False), (Mode.FAULT, Mode.READY, False), (Mode.ARRIVED, None, False),
     ],
 )  # fmt: skip
 def test_what_safety_hangs_on_is_locked_while_somebody_is_led(mode: Mode, beneath: Mode | None, locked: bool) -> None:
@@ -93,6 +94,33 @@ def test_what_safety_hangs_on_is_locked_while_somebody_is_led(mode: Mode, beneat
     allowed, effects = carry_out(before, ApplySettings(6, {"cues.announce_m": 8.0}), 100.0)
     assert allowed.settings.cues.announce_m == 8.0, "nobody's safety hangs on it"
     assert not any(isinstance(effect, Notice) for effect in effects)
+
+
+def test_the_device_itself_has_tried_out_what_safety_hangs_on_whoever_orders_it() -> None:
+    state, effects = carry_out(STANDING, ApplySettings(5, {DELTA: 1.5}), 100.0)
+    assert state.settings.gate.clearance_m == 1.5
+    assert not any(isinstance(effect, StoreSettings) for effect in effects), "nobody has kept it"
+    assert answers(effects).revert_at_s == 100.0 + TRIAL_S
+    back, _ = after_trial(state, 100.0 + TRIAL_S)
+    assert (back.settings, back.settings_revision) == (STANDING.settings, 4)
+    lost = replace(STANDING, settings_revision=0)
+    again, effects = carry_out(lost, ApplySettings(5, {DELTA: 1.5}, base_revision=0, kept_before=True), 100.0)
+    assert (again.trial, again.settings.gate.clearance_m) == (None, 1.5)
+    assert any(isinstance(effect, StoreSettings) for effect in effects)
+    led = replace(LED, settings_revision=0)
+    same, effects = carry_out(led, ApplySettings(5, {DELTA: 1.5}, base_revision=0, kept_before=True), 100.0)
+    assert (same is led, answers(effects).refused_revision) == (True, 5), "locked, whoever kept it"
+    blank, effects = carry_out(LED, ApplySettings(5, {DELTA: 1.5}, 60.0, "   "), 100.0)
+    assert (blank is LED, answers(effects).refused_revision) == (True, 5), "blanks say nothing"
+
+
+def test_a_change_of_what_does_not_run_any_more_is_refused_whole() -> None:
+    state, _ = carry_out(STANDING, ApplySettings(5, {"cues.announce_m": 8.0}, base_revision=4), 100.0)
+    assert state.settings_revision == 5
+    same, effects = carry_out(state, ApplySettings(6, {"follower.policy": "paper"}, base_revision=4), 101.0)
+    told = answers(effects)
+    assert (same is state, told.revision, told.refused_revision) == (True, 5, 6)
+    assert told.refusal.startswith("It changes revision 4, and revision 5 runs by now: look")
 
 
 def test_an_override_is_told_to_whoever_walks_and_kept_with_its_reason() -> None:
@@ -130,10 +158,12 @@ def test_whatever_happens_the_device_runs_what_it_told_last_and_keeps_only_what_
         state, effects = step
         for effect in effects:
             if isinstance(effect, StoreSettings):
+                assert kind == "keep" or effect.settings == disk[0], "somebody has kept it"
                 disk = effect.settings, effect.revision
             if isinstance(effect, SettingsRunning):
                 told = effect
 
+    kind = ""
     for kind, *details in happenings:
         if kind == "apply":
             value, revert_after_s, why = details
@@ -158,7 +188,7 @@ def test_whatever_happens_the_device_runs_what_it_told_last_and_keeps_only_what_
             assert (state.settings, state.settings_revision) == disk
         else:
             assert (state.trial.before, state.trial.before_revision) == disk
-    do(after_trial(state, now_s + 10.0))
+    do(after_trial(state, now_s + TRIAL_S))
     assert (state.settings, state.settings_revision) == disk
     assert told.values == disk[0].values()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import time
 from pathlib import Path
 
 import msgspec
@@ -106,6 +107,26 @@ def test_unknown_is_told_apart_from_free_and_nothing_that_is_there_gets_lost(
         assert cm == 0 or abs(cm / 100.0 - min(near_m, 655.35)) <= 0.01
 
 
+def test_of_bearings_that_share_one_the_worst_is_told_and_the_nearest() -> None:
+    bearing_rad = np.linspace(-0.7, 0.7, 400)
+    state = np.full(400, BearingState.FREE, np.int8)
+    nearest_m = np.full(400, np.inf)
+    for index, (there, near_m) in enumerate(((BearingState.OBSTACLE, 1.0), (BearingState.DROP, 2.0))):
+        state[index::4], nearest_m[index::4] = there, near_m
+    state[2::8], nearest_m[2::8] = BearingState.UNKNOWN, np.nan
+    told = wire_scan(ObstacleScan(bearing_rad, nearest_m, state, (), 1.0))
+    step_rad = told.step_rad
+    for bearing, its_state, its_m in zip(bearing_rad, state, nearest_m, strict=True):
+        index = round((bearing - told.first_rad) / step_rad)
+        if its_state == BearingState.FREE:
+            continue
+        assert told.states[index] != BearingState.FREE, "what is there, or not known, is never told as free"
+        if its_state == BearingState.UNKNOWN:
+            continue
+        assert told.states[index] in (its_state, BearingState.DROP), "a drop is worse than an obstacle"
+        assert 0 < told.nearest_cm[index] <= round(100 * its_m)
+
+
 def test_gravity_tells_a_camera_on_its_side_where_no_floor_is_seen() -> None:
     blank = np.zeros((4, 4, 3), np.uint8), np.full((4, 4), np.nan, np.float32)
     frame = Frame(1.0, *blank, gravity=np.array([1.0, 0.0, 0.0]))
@@ -139,3 +160,30 @@ def test_battery_and_temperature_are_read_as_linux_tells_them(tmp_path: Path) ->
     host = LinuxHost(power, thermal)
     host.close()
     assert host.read() == HostHealth(42.0, False, 61.0), "the emptiest battery, and the hottest zone"
+
+
+def test_a_battery_that_cannot_be_read_any_more_is_not_known_and_is_found_again(tmp_path: Path) -> None:
+    for name, percent in (("before", 80), ("after", 40)):
+        files(tmp_path / name / "BAT0", type="Battery\n", capacity=f"{percent}\n", status="Discharging\n")
+
+    def comes_under_power(target: str) -> None:
+        """Let the folder be another one, at once."""
+        (tmp_path / "next").symlink_to(target)
+        (tmp_path / "next").replace(tmp_path / "power")
+
+    comes_under_power("before")
+    clock_s = [0.0]
+    host = LinuxHost(tmp_path / "power", tmp_path / "thermal", every_s=0.001, now_s=lambda: clock_s[0])
+
+    def until_told(percent: float | None, passing_s: float) -> None:
+        deadline_s = time.monotonic() + 30.0
+        while host.read().battery_percent != percent:
+            clock_s[0] += passing_s
+            assert time.monotonic() < deadline_s, f"it never told {percent} %"
+
+    until_told(80.0, 0.0)
+    comes_under_power("x" * 300)  # longer than a name may be: looking raises
+    until_told(None, 0.001)
+    comes_under_power("after")
+    until_told(40.0, 0.0)
+    host.close()

@@ -133,13 +133,13 @@ def test_the_process_streams_takes_orders_survives_the_console_and_ends_cleanly(
     assert "Traceback" not in output
     assert (tmp_path / "heard.wav").stat().st_size > 10_000
 
-    (walk,) = parts_in(tmp_path / "walks")
-    cycles = list(replay([RecordedPart(walk)]))
+    parts = [RecordedPart(path) for path in parts_in(tmp_path / "walks")]
+    cycles = list(replay(parts))
     # Threads, clocks, the link and the watchdog were real, and so is every bit of what came of them.
     assert [(each.notes.number, each.differs_in) for each in cycles if each.differs_in] == []
     assert {order.kind for each in cycles for order in each.notes.orders} == {"SetDestination", "Say"}
     if all(each.notes.pictures for each in cycles if each.notes.frame is not None):
-        again = replay([RecordedPart(walk)], lambda camera, settings: make_localizer(load_site(site), camera, settings))
+        again = replay(parts, lambda camera, settings: make_localizer(load_site(site), camera, settings))
         assert [(each.notes.number, each.differs_in) for each in again if each.differs_in] == []
 
 

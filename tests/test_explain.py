@@ -109,6 +109,8 @@ CASES = (
      state(rule=Rule.GATE_CLOSED, scan=scan_of(*HOLE), **ECHO)),
     ("Stop: the sonar hears something at 1.4 m where the depth camera cannot tell what is there.",
      state(rule=Rule.GATE_CLOSED, sonar_rad=math.radians(29.0), **ECHO)),
+    ("Stop: the sonar hears something at 1.4 m where the depth camera cannot tell what is there.",
+     state(rule=Rule.GATE_CLOSED, **(ECHO | {"reason": "depth_invalid"}))),
     ("Stop: the sonar hears something at 1.4 m, and the depth camera sees something at 1.5 m.",
      state(rule=Rule.ECHO_NEAR, scan=scan_of(*WALL, nearest_m=1.5), **ECHO)),
     ("Stop: the place in the map has been unknown for 4 s.",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from console_room import Person
 
-from benchmarks.monitor_browsers import Seen, look
+from benchmarks.monitor_browsers import Seen, console_page, look
 from benchmarks.monitor_devices import CAPTURED, Told, captured_s, walk_all
 from console.server import ConsoleServer
 
@@ -44,7 +44,7 @@ def test_a_simulated_device_is_seen_by_a_browser_of_few_words(server: ConsoleSer
     url, seen = server.ready.url, Seen()
 
     async def watched() -> Told:
-        browser = asyncio.create_task(look(url, cookie, time.monotonic() + 60.0, seen))
+        browser = asyncio.create_task(look(url, cookie, console_page("glasses-0"), time.monotonic() + 60.0, seen))
         (told,) = await asyncio.to_thread(walk_all, url.replace("http", "ws"), [token], 1.0, 20.0)
         state = server.services.hub.device("glasses-0").state
         assert state is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import hashlib
 import io
 import json
@@ -13,20 +14,24 @@ from typing import Any
 
 import msgspec
 import pytest
-from console_room import DialledDevice, Person, hello_of, until
+from console_room import DialledDevice, Person, hello_of, invited, until
 from mcap.reader import make_reader
-from recorded_walk import STORED_WALK, record
+from recorded_walk import STORED_WALK, record, walk_among_boxes
 
 from console.errors import NotFoundError
 from console.live_panel import device_view
 from console.past_walks import PastWalk, PastWalks
 from console.recordings import Recordings
 from console.server import ConsoleServer
+from console.view_requests import EndPast, ShowPast, ViewRequest
 from console.walk_comparison import compared_with
-from console.walk_figures import Deviation, WalkFigures
+from console.walk_figures import Deviation, WalkFigures, figures_of
 from console.walk_library import WalkLibrary
-from console.walk_timeline import state_of
+from console.walk_reading import read_walk
+from console.walk_timeline import NamedPlace, state_of
+from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
+from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.walk_files import parts_in
 from navcore.recording_upload import RecordingOffer
 from navcore.silhouette import silhouette_jpeg
@@ -51,7 +56,7 @@ def recordings(tmp_path: Path) -> Recordings:
 def test_a_walk_says_itself_where_it_was_walked_and_when(recordings: Recordings) -> None:
     take(recordings, STORED_WALK.read_bytes())
     (walk,) = PastWalks(recordings).all()
-    assert (walk.walk_id, walk.device, walk.site_id) == ("20261129T114718Z-glasses", "Glasses", "boxes")
+    assert (walk.walk_id, walk.device, walk.site_id) == ("20261129T184832Z-glasses", "Glasses", "boxes")
     assert walk.map_checksum == "boxes-map"
     assert walk.began_at_s == 1795952838.0, "2026-11-29 11:47:18 UTC"
     assert walk.length_s == pytest.approx(16.0)
@@ -90,6 +95,30 @@ def test_what_has_been_kept_for_long_enough_is_deleted_with_all_that_was_found_i
     assert recordings.delete_before(CLOCK_S + 200.0) == 1
     with pytest.raises(NotFoundError, match="deleted"):
         walks.named(walk.walk_id)
+
+
+def test_a_walk_whose_middle_file_is_missing_says_so_and_is_shown_with_its_gap(
+    recordings: Recordings, tmp_path: Path
+) -> None:
+    recorder = WalkRecorder(RecordingOptions(tmp_path / "walks", False, max_part_bytes=1, reserve_bytes=0))
+    walk_among_boxes(recorder, max_s=4.0, rate_hz=5.0)
+    recorder.close()
+    paths = parts_in(tmp_path / "walks")
+    assert len(paths) >= 3
+    middle = len(paths) // 2
+    for path in paths[:middle] + paths[middle + 1 :]:
+        take(recordings, path.read_bytes(), path.stem)
+    (walk,) = (walks := PastWalks(recordings)).all()
+    assert walk.troubles == (f"Missing: file {middle + 1} of this walk has not come from the device.",)
+    gap = WalkLibrary(walks).timeline(walk)
+    assert gap.troubles == walk.troubles
+    take(recordings, paths[middle].read_bytes(), paths[middle].stem)
+    (whole,) = walks.all()
+    assert (whole.troubles, len(whole.parts)) == ((), len(paths))
+    # Nothing is made up for the gap: it has the cycles of the other files, and no others.
+    read = WalkLibrary(walks).timeline(whole)
+    assert set(gap.stamps_s) < set(read.stamps_s)
+    assert gap.state_at(len(gap.stamps_s) - 1) == read.state_at(len(read.stamps_s) - 1)
 
 
 # ------------------------------------------------------------------------------------------------- over the network
@@ -177,6 +206,37 @@ def test_the_figures_are_those_of_an_independent_computation(
     )))  # fmt: skip
     assert float(table[0]["deviation_mean_m"]) == pytest.approx(statistics.fmean(off_m), abs=1e-4)
     assert (table[0]["from"], table[0]["to"], table[0]["stops"]) == ("Door", "Window", str(figures["stop_count"]))
+
+
+def test_all_that_was_read_of_a_walk_goes_with_it_and_who_sees_what_was_found_has_looked(
+    server: ConsoleServer, admin: Person, walk: PastWalk
+) -> None:
+    library, tom = server.services.walk_library, invited(admin, "Tom", "technician")
+    library.timeline(walk)
+    library.found(walk)
+    assert library.wait(60.0)
+    asked = {"walk_id": walk.walk_id, "changes": {"gate.clearance_m": 1.5}}
+    run_id = admin.http.post("/api/what-if", json=asked).raise_for_status().json()["run_id"]
+    tom.http.get(f"/api/what-if/{run_id}").raise_for_status()
+    log = admin.http.get("/api/privacy").json()["accesses"]
+    assert ("Tom", "past_walk", walk.walk_id) in {(each["who"], each["what"], each["detail"]) for each in log}
+    assert server.services.retention._kinds["Walks"](math.inf) == 1
+    assert (library._timelines, library._found) == ({}, {})
+    assert tom.http.get(f"/api/what-if/{run_id}").status_code == 404
+    assert server.services.what_ifs._runs == {}
+
+
+def test_a_walk_begins_at_the_place_that_somebody_named(walk: PastWalk) -> None:
+    timeline = read_walk(walk)
+    first = next(route for route in timeline.routes if route.points_m)
+    x_m, y_m = first.points_m[0]
+    route = msgspec.structs.replace(first, stops=(("Junction 4", 0.5), *first.stops))
+
+    def begin(away_m: float) -> str:
+        places = (NamedPlace("Junction 4", x_m, y_m), NamedPlace("Wash room", x_m + away_m, y_m))
+        return figures_of(dataclasses.replace(timeline, routes=(route,), places=places), ()).from_place
+
+    assert (begin(4.0), begin(6.0)) == ("Wash room", "Junction 4")
 
 
 def test_marks_tell_what_happened_when_and_where(admin: Person, walk: PastWalk) -> None:
@@ -279,6 +339,33 @@ def test_who_looks_at_a_walk_is_noted(server: ConsoleServer, admin: Person, walk
     admin.http.get(f"/api/walks/{walk.walk_id}").raise_for_status()
     seen = [(each.what, each.detail) for each in server.services.access.latest(10)]
     assert ("past_walk", walk.walk_id) in seen
+
+
+def test_a_past_walk_is_shown_in_the_scenes_of_whoever_asks_and_in_no_other(
+    server: ConsoleServer, admin: Person, walk: PastWalk
+) -> None:
+    heard: list[ViewRequest] = []
+    (token,) = (cookie.value for cookie in admin.http.cookies.jar)
+    person = server.services.accounts.signed_in(token)
+    assert person is not None
+    unsubscribe = server.services.views.subscribe(person.session_id, heard.append)
+    server.services.views.subscribe("somebody else's", heard.append)
+    then = recorded_states()[40]
+    asked = {"walk": walk.walk_id, "at_s": then["stamp_s"] + 0.01, "clock": "12:03:10"}
+    assert admin.http.post("/api/view/past", json=asked).raise_for_status().json() == {"scenes": 1}
+    assert admin.http.delete("/api/view/past").raise_for_status().json() == {"scenes": 1}
+    past, end = heard
+    assert isinstance(past, ShowPast)
+    assert isinstance(end, EndPast)
+    assert past.words == "PAST WALK 12:03:10"
+    assert past.device.state is not None
+    assert past.device.state.pose == pytest.approx(then["pose"])
+    assert past.trail_m[-1] == pytest.approx(then["pose"][:2], abs=0.5)
+    seen = [(each.what, each.detail) for each in server.services.access.latest(10)]
+    assert ("past_walk", walk.walk_id) in seen
+    for wrong in (asked | {"incident": "x"}, asked | {"clock": "now"}, asked | {"walk": "none"}):
+        assert admin.http.post("/api/view/past", json=wrong).status_code in (400, 404, 422)
+    unsubscribe()
 
 
 def test_the_depth_silhouette_of_an_instant_comes_from_the_recorded_picture(

@@ -124,7 +124,7 @@ def uploads_of(
     source: MapSource, folder: Path, until_quiet: Callable[[], Awaitable[None]], tell: Callable[[MapWalkTold], None]
 ) -> RecordingUploads:
     settings = LinkSettings(source.console_url, source.token, folder / "incoming", map_walks=folder)
-    return RecordingUploads(settings, asyncio.Event(), until_quiet, lambda failures: 0.0, at_once, tell)
+    return RecordingUploads(settings, asyncio.Event(), until_quiet, lambda failures: 0.0, at_once, tell, bool)
 
 
 def uploaded(source: MapSource, folder: Path, count: int) -> list[str]:
@@ -274,13 +274,27 @@ def test_nothing_of_a_recording_is_read_before_it_is_quiet_and_its_reading_ends_
 
 
 # ---------------------------------------------------------------------------------------------------------- walks
-def sent_walks(source: MapSource, folder: Path, until: Callable[[], bool]) -> None:
-    """Let the uploads of recorded walks run until something is so."""
+def walk_uploads(
+    source: MapSource, folder: Path, is_shared: Callable[[], bool], written: Path | None = None
+) -> RecordingUploads:
     settings = LinkSettings(source.console_url, source.token, folder / "incoming", walks=folder)
+    return RecordingUploads(
+        settings,
+        asyncio.Event(),
+        at_once,
+        lambda failures: 0.0,
+        at_once,
+        lambda told: None,
+        is_shared,
+        lambda: written,
+    )
+
+
+def sent_walks(source: MapSource, folder: Path, until: Callable[[], bool], written: Path | None = None) -> None:
+    """Let the uploads of recorded walks run until something is so."""
 
     async def run() -> None:
-        uploads = RecordingUploads(settings, asyncio.Event(), at_once, lambda failures: 0.0, at_once, lambda told: None)
-        running = asyncio.create_task(uploads.run())
+        running = asyncio.create_task(walk_uploads(source, folder, lambda: True, written).run())
         while not until():
             await asyncio.sleep(0.005)  # until the file that says so is there; it is given up after the deadline
         running.cancel()
@@ -298,26 +312,58 @@ def noted(folder: Path) -> dict[str, dict[str, str]]:
 def test_walks_go_to_the_console_by_themselves_once_and_stay_on_the_device(
     server: ConsoleServer, source: MapSource, tmp_path: Path
 ) -> None:
-    """A whole one, one that a crash has cut, and one that is being written: the last waits until it is complete."""
+    """A whole one, one that a crash has cut, and one that is being written: that waits until it is complete.
+
+    It began before the device knew the time, so that its name is the first of all.
+    """
     folder, walk = tmp_path / "walks", STORED_WALK.read_bytes()
     folder.mkdir()
-    whole, cut, written = (folder / f"20261129T1147{second}Z-glasses-001.mcap" for second in ("18", "30", "59"))
+    whole, cut = (folder / f"20261129T1147{second}Z-glasses-001.mcap" for second in ("18", "30"))
+    written = folder / "19700101T000010Z-glasses-001.mcap"
+    assert WalkQueue(folder, lambda: True).waiting() == (), "nothing is there yet"
     whole.write_bytes(walk)
     cut.write_bytes(walk[: len(walk) // 2])
     written.write_bytes(walk[:-100])
-    assert WalkQueue(folder, lambda: True).waiting() == (whole, cut)
-    sent_walks(source, folder, lambda: len(noted(folder)) == 2)
+    assert WalkQueue(folder, lambda: True, lambda: written).waiting() == (whole, cut)
+    sent_walks(source, folder, lambda: len(noted(folder)) == 2, written)
     there = {stored.entry.offer.name: stored for stored in server.services.recordings.all()}
     assert set(there) == {whole.stem, cut.stem}
     assert all(stored.complete and stored.entry.offer.kind == "walk" for stored in there.values())
     assert there[whole.stem].entry.offer.date == "2026-11-29"
     assert there[whole.stem].file.read_bytes() == walk
-    assert WalkQueue(folder, lambda: True).waiting() == (), "nothing is sent twice, at no later start either"
+    assert WalkQueue(folder, lambda: True, lambda: written).waiting() == (), (
+        "nothing is sent twice, at no later start either"
+    )
     written.write_bytes(walk)
     assert WalkQueue(folder, lambda: True).waiting() == (written,)
-    assert sorted(path.name for path in folder.glob("*.mcap")) == [whole.name, cut.name, written.name]
+    assert sorted(path.name for path in folder.glob("*.mcap")) == [written.name, whole.name, cut.name]
     (folder / SENT_FILE).write_bytes(b"\xff{")
-    assert WalkQueue(folder, lambda: True).waiting() == (whole, cut, written), "the console says at once what it has"
+    assert WalkQueue(folder, lambda: True).waiting() == (written, whole, cut), "the console says at once what it has"
+
+
+def test_a_walk_that_is_no_longer_shared_stops_where_it_is_and_goes_on_when_it_is_again(
+    server: ConsoleServer, source: MapSource, tmp_path: Path
+) -> None:
+    folder = tmp_path / "walks"
+    folder.mkdir()
+    walk = STORED_WALK.read_bytes()
+    assert len(walk) > 3 * PIECE_BYTES
+    for second, data in ((18, walk[: len(walk) // 2]), (30, walk)):
+        (folder / f"20261129T1147{second}Z-glasses-001.mcap").write_bytes(data)
+    recordings, is_shared = server.services.recordings, [True]
+
+    def shared_until_a_piece_has_gone() -> bool:
+        is_shared[0] = is_shared[0] and not any(stored.have_bytes for stored in recordings.all())
+        return is_shared[0]
+
+    uploads = walk_uploads(source, folder, shared_until_a_piece_has_gone)
+    (queue,) = uploads._queues
+    assert asyncio.run(asyncio.wait_for(uploads._sent_all(queue), DEADLINE_S))
+    (begun,) = recordings.all()
+    assert (begun.complete, begun.have_bytes) == (False, PIECE_BYTES)
+    assert noted(folder) == {}, "neither sent nor given up"
+    sent_walks(source, folder, lambda: len(noted(folder)) == 2)
+    assert [stored.complete for stored in recordings.all()] == [True, True]
 
 
 def test_a_walk_that_the_console_refuses_is_noted_with_the_reason_and_stops_no_other(

@@ -180,7 +180,11 @@ def test_a_folder_of_another_user_is_told_and_taken_for_empty(tmp_path: Path) ->
     with forbidden(folder):
         with pytest.raises(InputError, match=r"may not be written by the user .*: run `sudo chown -R "):
             refuse_unwritable(folder)
-        assert [str(error).partition(" in ")[0] for error in damages(store)] == ["The settings"]
+        assert [str(error).partition(" in ")[0] for error in damages(store)] == [
+            "The settings", "What is shared,", "Who has watched,",
+        ]  # fmt: skip
+        with pytest.raises(InputError, match="nothing is shared"):
+            store.load_consent()
         assert store.load_settings() == (Settings(), 0)
         stored, error = calibrations.load_or_kept()
         assert stored is None

@@ -18,10 +18,11 @@ from viewer_fixtures import connect_device, scene_over, services_of_crossing
 from console.live import LiveDevice
 from console.roles import Role
 from console.services import Services
-from console.view_requests import FlyToPoi, MoveCamera
+from console.view_requests import EndPast, FlyToPoi, MoveCamera, ShowPast, ViewRequest
 from console.viewer import appearance as look
 from console.viewer.live_layer import trail_colours
 from console.viewer.live_view import LiveView, Trail
+from console.viewer.past_playback import SILENCE_S
 from console.viewer.scan_points import UNKNOWN_AT_M, scan_points
 from console.viewer.scene import Scene, decoded
 from console.viewer.view_panel import CameraMode
@@ -263,7 +264,9 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     browser.set_widget("Guidance", "Pause")
     browser.set_widget("Guidance", "Stop")
     browser.set_widget("Guidance", "Repeat")
-    assert outlet.sent[:1] == [SetDestination("bar")]
+    first = outlet.sent[0]
+    assert isinstance(first, SetDestination)
+    assert (first.poi_id, first.who) == ("bar", "Ada")
     assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination, Repeat]
 
 
@@ -418,3 +421,35 @@ def test_every_state_of_a_device_has_a_clear_label_in_the_scenes_panel(mode: Mod
     shown = status(view_of(device, 100.0), PoiGraph())
     assert mode.label in shown
     assert f">{mode.value}<" not in shown, "people read no identifiers"
+
+
+def test_a_past_walk_in_the_scene_is_never_taken_for_live_and_ends_by_itself(
+    browser: FakeBrowser, device: LiveDevice, scene_and_services: tuple[Scene, Services]
+) -> None:
+    view, hub = browser.view, scene_and_services[1].hub
+    live = view_of(device, hub.now_s())
+    words = "PAST WALK 12:03:10"
+    long_ago = dataclasses.replace(device, state=state_at(7.0, 4.0, 1.0))
+    past = ShowPast(long_ago, 7.0, words, np.array([[3.0, 1.0], [4.0, 1.0]]))
+
+    async def drawn(request: ViewRequest | None, after_s: float = 0.0) -> LiveView:
+        if request is not None:
+            view.take(request)
+        view.tick(dataclasses.replace(live, now_s=hub.now_s() + after_s, others=(device,)))
+        return view.past.view(live)
+
+    browser.run(drawn(past))
+    assert tuple(node(browser, "/walker").position) == pytest.approx((4.0, 1.0, 0.0))
+    assert node(browser, "/walker/cue").text == words, "no word of then is heard now"
+    assert node(browser, "/walker/past").visible
+    assert node(browser, "/walker/figure/body").color == look.WALKER_STALE
+    trail, route = (np.asarray(node(browser, f"/live/{name}").colors).reshape(-1, 3) for name in ("trail", "route"))
+    assert {tuple(each) for each in (*trail.tolist(), *route.tolist())} == {look.WALKER_STALE}
+    assert hub.now_s() - node(browser, "/live/beat").position[0] < 1.0, "the scene itself is not old"
+    others = [node(browser, f"/others/{number}") for number in range(1)]
+    assert not any(each is not None and each.visible for each in others), "nothing of now stands beside it"
+    for end in (drawn(EndPast()), drawn(past), drawn(None, SILENCE_S + 0.1)):
+        shown = browser.run(end)
+    assert shown.past is None
+    assert not node(browser, "/walker/past").visible
+    assert node(browser, "/walker/cue").text != words

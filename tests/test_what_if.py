@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
+import re
 import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from device_hall import Rig
+from mcap.reader import make_reader
 from recorded_walk import STORED_WALK
 from test_past_walks import take
 
@@ -19,12 +21,16 @@ from console.recordings import Recordings
 from console.what_if import MAX_WAITING_COUNT, WhatIfRun, WhatIfs
 from console.what_if_result import Decision, DecisionPair, compared, read_decisions
 from device_agent.cli import main
+from device_agent.recording.options import RecordingOptions
 from device_agent.recording.reading import RecordedPart
-from device_agent.recording.replay import replay
+from device_agent.recording.recorder import WalkRecorder
+from device_agent.recording.replay import decision_line, replay
+from device_agent.recording.walk_files import parts_in
 from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
+from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261129T114718Z-glasses"
+WALK = "20261129T184832Z-glasses"
 WAIT_S = 120.0
 
 
@@ -32,7 +38,7 @@ WAIT_S = 120.0
 def what_ifs(tmp_path: Path) -> Iterator[WhatIfs]:
     recordings = Recordings(tmp_path / "recordings", lambda: 1_800_000_000.0)
     take(recordings, STORED_WALK.read_bytes())
-    asked = WhatIfs(PastWalks(recordings))
+    asked = WhatIfs(PastWalks(recordings), tmp_path / "what-if")
     yield asked
     asked.close()
 
@@ -50,7 +56,8 @@ def answered(what_ifs: WhatIfs, run: WhatIfRun) -> WhatIfRun:
 def decision(
     action: str, reason: str = "ok", direction_deg: float | None = 0.0, cues: tuple[str, ...] = ()
 ) -> Decision:
-    return Decision(action, reason, "a rule", direction_deg, 0.2, cues)  # type: ignore[arg-type]
+    sentence = f"{action.capitalize()}: because of {reason}."
+    return Decision(action, reason, "a rule", direction_deg, 0.2, cues, sentence)  # type: ignore[arg-type]
 
 
 def pairs(*sides: tuple[Decision, Decision], step_s: float = 0.5) -> tuple[DecisionPair, ...]:
@@ -90,30 +97,65 @@ def test_what_no_recording_can_show_is_said_and_nothing_is_started(what_ifs: Wha
     assert "from 0.5 to 4" in failed.why
 
 
+def test_what_was_asked_of_a_deleted_walk_is_forgotten(tmp_path: Path) -> None:
+    recordings = Recordings(tmp_path / "recordings", lambda: 1_800_000_000.0)
+    take(recordings, STORED_WALK.read_bytes())
+    what_ifs = WhatIfs(PastWalks(recordings))
+    try:
+        settled = what_ifs.cancel(what_ifs.start(WALK, {"gate.clearance_m": 2.5}).run_id)
+        what_ifs.forget_deleted()
+        assert what_ifs.run(settled.run_id).state == "cancelled", "its walk is still here"
+        going_on = what_ifs.start(WALK, {"gate.clearance_m": 3.0})
+        assert recordings.delete_before(1_900_000_000.0) == 1
+        what_ifs.forget_deleted()
+        for run in (settled, going_on):
+            with pytest.raises(NotFoundError):
+                what_ifs.run(run.run_id)
+    finally:
+        what_ifs.close()
+
+
 def test_questions_are_bounded_in_time_and_number_and_may_be_given_up(what_ifs: WhatIfs) -> None:
-    # The first is taken up at once, or a moment later.
     runs = [what_ifs.start(WALK, {"gate.clearance_m": 1.0 + number / 10}) for number in range(MAX_WAITING_COUNT)]
-    with contextlib.suppress(ConflictError):
-        what_ifs.start(WALK, {"gate.clearance_m": 3.0})
+    # How many of them have been taken up by now is nobody's promise.
     with pytest.raises(ConflictError, match="wait already"):
-        what_ifs.start(WALK, {"gate.clearance_m": 3.1})
+        _ = [what_ifs.start(WALK, {"gate.clearance_m": 2.0 + number / 10}) for number in range(2 * MAX_WAITING_COUNT)]
     for run in runs[1:]:
         assert what_ifs.cancel(run.run_id).state in ("cancelled", "done")
     assert what_ifs.start(WALK, {"gate.clearance_m": 1.7}).state in ("waiting", "running"), "given up, and asked anew"
     what_ifs.close()
-    hurried = WhatIfs(what_ifs._walks, max_run_s=0.05)
+    hurried = WhatIfs(what_ifs._walks, what_ifs._folder, max_run_s=0.05)
     late = answered(hurried, hurried.start(WALK, {"gate.clearance_m": 1.5}))
     hurried.close()
     assert (late.state, "choose a shorter walk" in late.why) == ("failed", True)
 
 
-def test_unchanged_settings_replay_to_the_bit() -> None:
+def test_what_was_found_in_a_walk_is_gone_with_it_and_so_is_what_a_killed_console_left(
+    what_ifs: WhatIfs, tmp_path: Path
+) -> None:
+    run = what_ifs.start(WALK, {"gate.clearance_m": 1.5})
+    recordings = what_ifs._walks.recordings
+    recordings.delete_before(2e9)
+    with pytest.raises(NotFoundError, match="deleted"):
+        what_ifs.run(run.run_id)
+    what_ifs.forget_deleted()
+    take(recordings, STORED_WALK.read_bytes())
+    with pytest.raises(NotFoundError, match="not remembered"):
+        what_ifs.run(run.run_id)
+    what_ifs.close()
+    (tmp_path / "what-if" / "left").mkdir(parents=True, exist_ok=True)
+    WhatIfs(what_ifs._walks, tmp_path / "what-if")
+    assert not (tmp_path / "what-if").exists()
+
+
+def test_unchanged_settings_replay_to_the_same_decisions() -> None:
     """Set to the value of then, all comes to the same: the directions that are found anew as well."""
     then = Settings().values()
     same = {
         spec.key: then[spec.key] for spec in setting_specs() if spec.replayed and spec.group in ("obstacle", "gate")
     }
-    assert all(not cycle.differs_in for cycle in replay([RecordedPart(STORED_WALK)], changes=same))
+    # To the last bit, but for what the version that recorded this walk did not yet note of a decision.
+    assert all(not decision_line(cycle)["differs_in"] for cycle in replay([RecordedPart(STORED_WALK)], changes=same))
 
 
 def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> None:
@@ -134,15 +176,56 @@ def test_what_was_changed_on_the_way_then_does_not_undo_what_is_looked_at() -> N
         assert sub_goal.x_m > before.x_m + 1.0
 
 
+def test_what_runs_again_after_a_trial_does_not_undo_what_is_looked_at(tmp_path: Path) -> None:
+    """The recording begins while something is tried out, which ends on the way."""
+    rig = Rig(tap=(recorder := WalkRecorder(RecordingOptions(tmp_path, reserve_bytes=0))))
+    rig.agent.submit(ApplySettings(1, {"gate.clearance_m": 1.5}, revert_after_s=1.5))
+    rig.cycles(2)
+    rig.agent.submit(SetDestination("bar"))
+    for _ in range(30):
+        rig.cycles(1)
+        recorder.check()
+    recorder.close()
+    (part,) = (each for each in map(RecordedPart, parts_in(tmp_path)) if each.opening.state.trial is not None)
+    as_then = list(replay([part]))
+    assert not any(cycle.differs_in for cycle in as_then)
+    assert {cycle.cycle.guidance.trace.gate_m for cycle in as_then} >= {1.5, 2.0}, "it ended on the way"
+    told_m = [
+        cycle.cycle.guidance.trace.gate_m
+        for cycle in replay([part], changes={"gate.clearance_m": 1.3})
+        if cycle.cycle.guidance.trace.gate_m is not None
+    ]
+    assert len(told_m) > 20
+    assert set(told_m) == {1.3}
+
+
 def test_the_command_writes_each_decision_then_and_now(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "decisions.jsonl"
-    assert main(["walks", "replay", str(STORED_WALK), f"--decisions={out}", "--json"]) == 0
+    # 1: the version that recorded it did not yet note all that stands in a trace; what is decided is the same.
+    assert main(["walks", "replay", str(STORED_WALK), f"--decisions={out}", "--json"]) in (0, 1)
     lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
     assert len(lines) == json.loads(capsys.readouterr().out)["cycles"] == 81
     assert all(line["then"] == line["now"] and line["differs_in"] == [] for line in lines)
     assert len(read_decisions(out)) == 81
-    assert main(["walks", "replay", str(STORED_WALK), f"--decisions={tmp_path}/no/where"]) == 2
-    assert main(["walks", "replay", str(STORED_WALK), "--site=x", "--last=5"]) == 2
+    # The words are those that the player of the same walk shows.
+    with STORED_WALK.open("rb") as file:
+        told = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages("/device")]
+    for line, state in zip(lines, told, strict=True):
+        assert line["then"]["sentence"].startswith(line["then"]["action"].capitalize())
+        assert line["then"]["sentence"] == line["now"]["sentence"]
+        assert line["then"]["action"] == state["action"]
+
+
+def test_what_was_told_then_is_told_with_the_settings_of_then(tmp_path: Path) -> None:
+    """How many pictures must agree before a stop ends is in the sentence: that of then must not be that of now."""
+    out = tmp_path / "decisions.jsonl"
+    change = "--set=obstacle.leave_frames_count=5"
+    assert main(["walks", "replay", str(STORED_WALK), change, f"--decisions={out}", "--json"]) == 1
+    needed = re.compile(r"\d of (\d) pictures in a row")
+    pairs = read_decisions(out)
+    assert {each for pair in pairs for each in needed.findall(pair.now.sentence)} == {"5"}
+    assert {each for pair in pairs for each in needed.findall(pair.then.sentence)} <= {"3"}
+    assert not any("The way is free" in sentence for pair in pairs for sentence in (pair.then.words, pair.now.words))
 
 
 def test_what_differs_is_counted_as_a_walker_would_count_it() -> None:
@@ -156,14 +239,17 @@ def test_what_differs_is_counted_as_a_walker_would_count_it() -> None:
     assert found.now.stops_by_reason == {"No free direction in view.": 1}
     assert (found.then.no_way_count, found.now.no_way_count, found.now.off_road_count) == (0, 1, 1)
     assert (found.then.cue_count, found.now.cue_count) == (0, 3)
+    arrives = compared(pairs((walk, walk), (decision("stop", "arrived", None), stop)))
+    assert (arrives.then.stop_count, arrives.now.stop_count) == (0, 1), "to arrive is no stop"
     (stretch,) = found.different
     assert (stretch.from_s, stretch.to_s) == (0.5, 2.5)
-    assert stretch.then == "Walk straight on: The way is free. (a rule)"
-    assert stretch.now == "Stop: No free direction in view. (a rule) “Stop.”"
+    assert stretch.then == "Walk: because of ok."
+    assert stretch.now == "Stop: because of no_candidate. “Stop.”"
     assert [(band.from_s, band.then, band.now) for band in found.bands] == [
         (0.0, "walk", "walk"), (0.5, "walk", "stop"), (1.5, "stop", "stop"), (2.0, "walk", "walk"),
     ]  # fmt: skip
-    assert "Walk 30° left: Off the road" in found.instants[3].now
+    assert [one.at_s for one in found.instants] == [0.0, 0.5, 1.5, 2.0, 2.5], "at each change, and every second"
+    assert found.instants[3].now == "Walk: because of off_road."
 
 
 def test_a_gap_counts_for_no_decision_and_what_is_only_measured_is_no_difference() -> None:

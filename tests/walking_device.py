@@ -66,7 +66,7 @@ class WalkingDevice:
             case Ping(console_sent_s):
                 self.link.send(Pong(console_sent_s, self.now_s(), self.now_s()))
             case ApplySettings(revision, values):
-                self.link.send(SettingsRunning(revision, values))
+                self.link.send(SettingsRunning(revision, DEFAULTS | values))
             case ClearDestination():
                 self.link.send(RouteChanged(self.now_s()))
                 self.send_state()

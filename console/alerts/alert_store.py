@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
+from types import MappingProxyType
 
 from sqlalchemy import delete, select
 from sqlalchemy.orm import Session
 
 from console.alerts.lifecycle import Change
 from console.alerts.rules import RULES, AlertKind, Priority
+from console.alerts.watch import LedRecord
 from console.store import Store
-from console.tables import AlertRow, AlertStepRow, LedRow
+from console.tables import AlertRow, AlertStepRow, DeviceRow, DeviceTokenRow, HeardRow, LedRow
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,14 +59,25 @@ class AlertStore:
         self._store = store
         self.wall_s = store.wall_s
 
-    def save(self, records: Iterable[AlertRecord], steps: Iterable[AlertStep], audit: tuple[str, ...] = ()) -> None:
-        """Keep alerts as they stand and what happened to them, at once; ``audit`` is who, action and detail."""
+    def save(
+        self,
+        records: Iterable[AlertRecord],
+        steps: Iterable[AlertStep],
+        audit: tuple[str, ...] = (),
+        led: Mapping[str, LedRecord | None] = MappingProxyType({}),
+    ) -> None:
+        """Keep alerts as they stand and what happened to them, at once.
+
+        ``audit`` is who, action and detail; ``led`` tells of devices, by id, whether they lead somebody.
+        """
         with self._store.writing() as session:
             for record in records:
                 session.merge(AlertRow(**asdict(record)))
             session.add_all(AlertStepRow(**asdict(step) | {"what": step.what.value}) for step in steps)
             if audit:
                 self._store.add_audit(session, *audit)
+            for device_id, leads in led.items():
+                _note_led(session, device_id, leads, self.wall_s())
 
     def open_records(self) -> list[AlertRecord]:
         """Return the alerts that are not done with, oldest first."""
@@ -100,18 +113,32 @@ class AlertStore:
             return _deleted(session, list(session.scalars(old)))
 
     # ------------------------------------------------------------------------------------------ who is being led
-    def leading(self) -> dict[str, str]:
-        """Return the devices that were leading somebody when they were heard of last: names by id."""
+    def leading(self) -> list[LedRecord]:
+        """Return the devices that were leading somebody when they were heard of last, and may still call."""
+        revoked = select(DeviceRow.device_id).join(DeviceTokenRow, DeviceTokenRow.name == DeviceRow.token_name)
+        revoked = revoked.where(DeviceTokenRow.revoked_at_s.is_not(None))
+        leading = select(LedRow, HeardRow).outerjoin(HeardRow, HeardRow.device_id == LedRow.device_id)
         with self._store.reading() as session:
-            return {row.device_id: row.device_name for row in session.scalars(select(LedRow))}
+            rows = session.execute(leading.where(LedRow.device_id.not_in(revoked)))
+            return [_led_record(led, heard, self.wall_s()) for led, heard in rows]
 
-    def note_leading(self, device_id: str, name: str, leads: bool) -> None:
-        """Note that a device has begun to lead somebody, or has ended."""
-        with self._store.writing() as session:
-            if leads:
-                session.merge(LedRow(device_id=device_id, device_name=name, since_s=self.wall_s()))
-            else:
-                session.execute(delete(LedRow).where(LedRow.device_id == device_id))
+
+def _led_record(led: LedRow, heard: HeardRow | None, wall_s: float) -> LedRecord:
+    if heard is None:
+        return LedRecord(led.device_id, led.device_name, wall_s)
+    return LedRecord(led.device_id, led.device_name, heard.heard_at_s, heard.event_sequence)
+
+
+def _note_led(session: Session, device_id: str, record: LedRecord | None, wall_s: float) -> None:
+    if record is None:
+        for table in (LedRow, HeardRow):
+            session.execute(delete(table).where(table.device_id == device_id))
+        return
+    if session.get(LedRow, device_id) is None:
+        session.add(LedRow(device_id=device_id, device_name=record.name, since_s=wall_s))
+    session.merge(
+        HeardRow(device_id=device_id, heard_at_s=record.heard_at_s, event_sequence=record.event_sequence)
+    )  # fmt: skip
 
 
 def _deleted(session: Session, alert_ids: list[str]) -> int:

@@ -1,7 +1,8 @@
 """The alerts of all devices: looked for by a timer, shown to the pages, kept in the database.
 
 Everybody sees the same alerts: what one person acknowledges is acknowledged for all. What is shown never waits for the
-disk; what cannot be written is written later. What a person does is written before it is answered.
+disk: another thread writes it down, and what cannot be written is written later. What a person does is written before
+it is answered.
 """
 
 from __future__ import annotations
@@ -10,24 +11,31 @@ import logging
 import secrets
 import threading
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from sqlalchemy.exc import SQLAlchemyError
 
 from console.alerts import lifecycle
 from console.alerts.alert_store import AlertRecord, AlertStep, AlertStore
-from console.alerts.incidents import Cause, Incidents
+from console.alerts.incidents import BEFORE_S, Cause, Incidents
 from console.alerts.lifecycle import Change, Life, Phase
-from console.alerts.rules import RULES, AlertKind, Observation, Priority, Rule, judge, observe, sentence_of
+from console.alerts.rules import RULES, AlertKind, Priority, Rule, judge, sentence_of
+from console.alerts.watch import LedRecord, Watch
 from console.errors import ConflictError, ConsoleError, NotFoundError
 from console.hub import DeviceHub
-from console.live import LiveDevice
+from console.live import STALE_AFTER_S, LiveDevice
+from console.repeating import Repeating
 
 CHECK_EVERY_S = 0.25
+HEARD_KEPT_EVERY_S = 5.0
+"""So often it is written down when somebody who is being led was heard of last."""
+KEEP_AGAIN_AFTER_S = 5.0
+"""So long after an incident could not be kept it is tried again, while its alert lasts."""
 SHELF_MINUTES = (5, 10, 15)
 _log = logging.getLogger(__name__)
 Listener = Callable[[], None]
+Key = tuple[str, AlertKind]
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +56,40 @@ class Alert:
         return self.phase is Phase.SHELVED, -self.life.priority, is_seen, -self.record.raised_at_s
 
 
-@dataclass(slots=True)
-class _Watched:
-    """What is remembered of a device between two looks."""
+@dataclass(frozen=True, slots=True)
+class _DueIncident:
+    """An incident that is to be kept."""
 
-    name: str
-    heard_s: float
-    """When what it said last was true, on the console's steady clock."""
-    was_led: bool = False
+    cause: Cause
+    at_s: float
+    """Not before this, on the steady clock."""
+
+
+@dataclass(slots=True)
+class _Unwritten:
+    """What the database does not hold yet."""
+
+    records: dict[str, AlertRecord] = field(default_factory=dict)
+    steps: list[AlertStep] = field(default_factory=list)
+    led: dict[str, LedRecord | None] = field(default_factory=dict)
+    """Of devices, by id, whether they lead somebody."""
+
+    def __bool__(self) -> bool:
+        return bool(self.records or self.steps or self.led)
+
+    def copy(self) -> _Unwritten:
+        """Return what it holds now."""
+        return _Unwritten(dict(self.records), list(self.steps), dict(self.led))
+
+    def forget(self, written: _Unwritten) -> None:
+        """Take out what has been written; what has changed since stays."""
+        self.records = {key: each for key, each in self.records.items() if written.records.get(key) is not each}
+        # Steps are only ever added, and two that are alike are two.
+        done = {id(step) for step in written.steps}
+        self.steps = [step for step in self.steps if id(step) not in done]
+        self.led = {
+            key: each for key, each in self.led.items() if key not in written.led or written.led[key] is not each
+        }  # fmt: skip
 
 
 class Alerts:
@@ -67,18 +101,29 @@ class Alerts:
         """Take up the alerts that were not done with when the console ended."""
         self._hub, self._store, self._incidents, self.rules = hub, store, incidents, rules
         self._lock = threading.RLock()
-        self._lives: dict[tuple[str, AlertKind], Life] = {}
-        self._records: dict[tuple[str, AlertKind], AlertRecord] = {}
-        self._unsaved: dict[str, AlertRecord] = {}
-        self._unsaved_steps: list[AlertStep] = []
+        """Of what is known; nobody waits for the disk while they hold it."""
+        self._writing = threading.RLock()
+        """Held by whoever writes to the database, so that an alert's steps are written in order; taken first."""
+        self._lives: dict[Key, Life] = {}
+        self._records: dict[Key, AlertRecord] = {}
+        self._unwritten = _Unwritten()
+        self._is_failing = False
+        self._due_incidents: dict[Key, _DueIncident] = {}
         self._listeners: list[Listener] = []
         self._shown: tuple[Alert, ...] = ()
-        self._stopped = threading.Event()
-        self._thread: threading.Thread | None = None
-        now_s = hub.now_s()
-        self._watched = {device_id: _Watched(name, now_s, True) for device_id, name in store.leading().items()}
+        self._timers = (
+            Repeating("alerts", CHECK_EVERY_S, self.check),
+            Repeating("alerts-writing", CHECK_EVERY_S, self.write),
+            Repeating("incidents", CHECK_EVERY_S, incidents.write),
+        )
+        self._began_s = hub.now_s()
+        wall_s = store.wall_s()
+        self._kept_led: dict[str, LedRecord | None] = {each.device_id: each for each in store.leading()}
+        self._watches = {
+            key: Watch.resumed(each, self._began_s, wall_s) for key, each in self._kept_led.items() if each
+        }
         for record in store.open_records():
-            self._take_up(record, now_s)
+            self._take_up(record, self._began_s)
         self._show()
 
     # --------------------------------------------------------------------------------------------------- reading
@@ -106,78 +151,111 @@ class Alerts:
     # ------------------------------------------------------------------------------------------- what people do
     def acknowledge(self, alert_id: str, who: str, note: str = "") -> None:
         """Note that somebody has seen an alert. Raises NotFoundError, or ConflictError where somebody was quicker."""
-        with self._lock:
-            key, record = self._open(alert_id)
-            life, changes = lifecycle.acknowledge(self._lives[key])
-            if not changes:
-                raise ConflictError(f"{record.acknowledged_by} has acknowledged this alert already.")
-            seen = replace(record, acknowledged_at_s=self._store.wall_s(), acknowledged_by=who, note=note)
-            self._done(key, life, seen, changes, who, note)
+
+        def seen(record: AlertRecord) -> AlertRecord:
+            return replace(record, acknowledged_at_s=self._store.wall_s(), acknowledged_by=who, note=note)
+
+        def refuse(record: AlertRecord) -> ConflictError:
+            return ConflictError(f"{record.acknowledged_by} has acknowledged this alert already.")
+
+        self._do(alert_id, lifecycle.acknowledge, seen, refuse, who, note)
 
     def shelve(self, alert_id: str, minutes: int, who: str, reason: str) -> None:
         """Keep an alert silent for some minutes. Raises NotFoundError, or ConflictError for other times."""
         if minutes not in SHELF_MINUTES:
             raise ConflictError("An alert is shelved for 5, 10 or 15 minutes: choose one of these.")
-        with self._lock:
-            key, record = self._open(alert_id)
-            life, changes = lifecycle.shelve(self._lives[key], self._hub.now_s() + 60.0 * minutes)
-            until_s = self._store.wall_s() + 60.0 * minutes
-            shelved = replace(record, shelved_until_s=until_s, shelved_by=who, shelf_reason=reason)
-            self._done(key, life, shelved, changes, who, f"{minutes} min: {reason}")
+        until_s, until_wall_s = (now_s + 60.0 * minutes for now_s in (self._hub.now_s(), self._store.wall_s()))
+
+        def shelved(record: AlertRecord) -> AlertRecord:
+            return replace(record, shelved_until_s=until_wall_s, shelved_by=who, shelf_reason=reason)
+
+        detail = f"{minutes} min: {reason}"
+        self._do(alert_id, lambda life: lifecycle.shelve(life, until_s), shelved, _not_open, who, detail)
 
     def unshelve(self, alert_id: str, who: str) -> None:
         """Let a shelved alert be heard again. Raises NotFoundError, or ConflictError where it is on no shelf."""
-        with self._lock:
-            key, record = self._open(alert_id)
-            life, changes = lifecycle.unshelve(self._lives[key], self._hub.now_s())
-            if not changes:
-                raise ConflictError("This alert is not shelved: its time may be up already.")
-            self._done(key, life, record, changes, who, "")
 
-    # ------------------------------------------------------------------------------------------------ the timer
+        def refuse(record: AlertRecord) -> ConflictError:
+            return ConflictError("This alert is not shelved: its time may be up already.")
+
+        now_s = self._hub.now_s()
+        self._do(alert_id, lambda life: lifecycle.unshelve(life, now_s), lambda record: record, refuse, who, "")
+
+    def end_watch(self, device_id: str, who: str, why: str) -> None:
+        """Miss a device no more that led somebody and is not heard of, until it connects anew.
+
+        Raises NotFoundError, or ConflictError where it is heard of: then guidance is to be ended.
+        """
+        with self._writing:
+            with self._lock:
+                watch = self._watches.get(device_id)
+                if watch is None or not watch.was_led:
+                    raise NotFoundError("Nobody is known to be led by this device: there is nothing to be missed.")
+                device = self._device(device_id)
+                if device is not None and device.connected:
+                    raise ConflictError(f"{watch.name} is connected: end guidance instead.")
+            self._store.save([], [], (who, "watch_ended", f"{watch.name} {why}"), {device_id: None})
+            self._off_watch(device_id, watch)
+
+    def forget(self, device_id: str) -> None:
+        """Miss a device no more, for it may not call any more (its token is void)."""
+        with self._lock:
+            watch = self._watches.get(device_id)
+            if watch is not None:
+                self._off_watch(device_id, watch)
+
+    # ------------------------------------------------------------------------------------------------ the timers
     def start(self) -> None:
-        """Look for alerts from now on, in a thread of its own."""
-        self._thread = threading.Thread(target=self._run, name="alerts", daemon=True)
-        self._thread.start()
+        """Look for alerts from now on, and write them down, in threads of their own."""
+        for timer in self._timers:
+            timer.start()
 
     def close(self) -> None:
         """Stop looking, and write what is still to be written."""
-        self._stopped.set()
-        if self._thread is not None:
-            self._thread.join()
-        with self._lock:
-            self._save()
+        for timer in self._timers:
+            timer.close()
+        self.write()
         self._incidents.close()
 
     def check(self) -> None:
-        """Look at all devices now."""
+        """Look at all devices now; waits for no disk."""
         with self._lock:
             now_s = self._hub.now_s()
             devices = {device.device_id: device for device in self._hub.devices()}
-            for device_id in (*devices, *(each for each in self._watched if each not in devices)):
+            for device_id in (*devices, *(each for each in self._watches if each not in devices)):
                 self._look_at(device_id, devices.get(device_id), now_s)
-            self._save()
             self._show()
 
-    def _run(self) -> None:
-        while not self._stopped.wait(CHECK_EVERY_S):
-            for work in (self.check, self._incidents.write):
-                try:
-                    work()
-                except Exception:
-                    # Whatever is wrong with one look, the next one must take place.
-                    _log.exception("Looking for alerts failed.")
+    def write(self) -> None:
+        """Keep the incidents that are due, and write what is not written yet; what fails is tried again later."""
+        self._keep_incidents()
+        with self._writing:
+            with self._lock:
+                unwritten = self._unwritten.copy()
+            if not unwritten:
+                return
+            try:
+                self._store.save(unwritten.records.values(), unwritten.steps, led=unwritten.led)
+            except SQLAlchemyError as error:
+                if not self._is_failing:
+                    _log.error("Alerts cannot be written down for now; they are shown all the same: %s", error)
+                self._is_failing = True
+                return
+            self._is_failing = False
+            with self._lock:
+                self._unwritten.forget(unwritten)
 
     # ------------------------------------------------------------------------------------------------- internals
     def _look_at(self, device_id: str, device: LiveDevice | None, now_s: float) -> None:
-        watched = self._watched.get(device_id)
-        if watched is None:
-            watched = self._watched[device_id] = _Watched(device.name if device else device_id, now_s)
-        age_s = device.longest_age_s(now_s) if device is not None else None
-        if age_s is not None:
-            watched.heard_s = now_s - age_s
-        seen = observe(device, now_s, watched.heard_s, watched.was_led)
-        self._note_led(device_id, watched, seen)
+        is_heard_of = device is not None and device.state is not None
+        if not is_heard_of and now_s < self._began_s + STALE_AFTER_S:
+            # A console that has just begun gives the devices time to call.
+            return
+        watch = self._watches.get(device_id)
+        if watch is None:
+            watch = self._watches[device_id] = Watch(device.name if device else device_id, now_s)
+        seen = watch.look(device, now_s)
+        self._note_led(device_id, watch, now_s)
         for kind, rule in self.rules.items():
             key = device_id, kind
             life = self._lives.get(key, Life())
@@ -186,18 +264,18 @@ class Alerts:
             if after is not life:
                 self._lives[key] = after
             if changes:
-                self._note(key, changes, watched.name, sentence_of(rule, finding, seen, watched.name))
+                self._note(key, changes, watch.name, sentence_of(rule, finding, seen, watch.name))
 
-    def _note_led(self, device_id: str, watched: _Watched, seen: Observation) -> None:
-        if seen.was_led == watched.was_led:
+    def _note_led(self, device_id: str, watch: Watch, now_s: float) -> None:
+        record = watch.record(device_id, self._store.wall_s() - now_s)
+        before = self._kept_led.get(device_id)
+        if record is not None and before is not None and record.heard_at_s - before.heard_at_s < HEARD_KEPT_EVERY_S:
             return
-        watched.was_led = seen.was_led
-        try:
-            self._store.note_leading(device_id, watched.name, seen.was_led)
-        except SQLAlchemyError as error:
-            _log.error("That %s leads somebody, or does no more, cannot be written down: %s", watched.name, error)
+        if record is None and before is None:
+            return
+        self._kept_led[device_id] = self._unwritten.led[device_id] = record
 
-    def _note(self, key: tuple[str, AlertKind], changes: tuple[Change, ...], name: str, sentence: str) -> None:
+    def _note(self, key: Key, changes: tuple[Change, ...], name: str, sentence: str) -> None:
         """Keep what has happened by itself."""
         wall_s = self._store.wall_s()
         before = self._records.get(key)
@@ -208,61 +286,109 @@ class Alerts:
         elif Change.AGAIN in changes:
             before = replace(before, times=before.times + 1, sentence=sentence, returned_at_s=None)
         record = _updated(before, self._lives[key], changes, wall_s)
-        is_urgent = Change.RAISED in changes or Change.ESCALATED in changes
-        if is_urgent and record.priority is Priority.HIGH and not record.incident_id:
-            record = replace(record, incident_id=self._keep_incident(record))
+        if record.priority is Priority.HIGH and {Change.RAISED, Change.AGAIN, Change.ESCALATED} & set(changes):
+            cause = Cause(wall_s, record.kind, record.sentence, record.alert_id)
+            self._due_incidents[key] = _DueIncident(cause, self._hub.now_s())
         self._put(key, record, [AlertStep(record.alert_id, wall_s, change, "", "") for change in changes])
 
-    def _keep_incident(self, record: AlertRecord) -> str:
-        cause = Cause(record.raised_at_s, record.kind, record.sentence, record.alert_id)
-        try:
-            return self._incidents.keep(record.device_id, cause)
-        except ConsoleError as error:
-            _log.error("No incident is kept of %s: %s", record.device_name, error)
-            return ""
+    def _keep_incidents(self) -> None:
+        with self._lock:
+            now_s = self._hub.now_s()
+            due = [(key, each) for key, each in self._due_incidents.items() if each.at_s <= now_s]
+        for key, each in due:
+            try:
+                incident_id = self._incidents.keep(key[0], each.cause)
+            except ConsoleError as error:
+                self._keep_later(key, each, error)
+            else:
+                self._has_incident(key, each, incident_id)
 
-    def _done(
+    def _keep_later(self, key: Key, due: _DueIncident, error: ConsoleError) -> None:
+        with self._lock:
+            passed_s = self._store.wall_s() - due.cause.at_s
+            if passed_s < KEEP_AGAIN_AFTER_S:
+                _log.error("No incident is kept of %s for now: %s", self._records[key].device_name, error)
+            if self._due_incidents.get(key) is not due:
+                return
+            if self._lives[key].is_active or passed_s < BEFORE_S:
+                self._due_incidents[key] = replace(due, at_s=self._hub.now_s() + KEEP_AGAIN_AFTER_S)
+            else:
+                del self._due_incidents[key]
+
+    def _has_incident(self, key: Key, due: _DueIncident, incident_id: str) -> None:
+        with self._lock:
+            if self._due_incidents.get(key) is due:
+                del self._due_incidents[key]
+            record = self._records[key]
+            if record.alert_id == due.cause.alert_id:
+                self._put(key, replace(record, incident_id=incident_id), [])
+                self._show()
+
+    def _do(
         self,
-        key: tuple[str, AlertKind],
-        life: Life,
-        record: AlertRecord,
-        changes: tuple[Change, ...],
+        alert_id: str,
+        act: Callable[[Life], lifecycle.Step],
+        update: Callable[[AlertRecord], AlertRecord],
+        refuse: Callable[[AlertRecord], ConsoleError],
         who: str,
         detail: str,
     ) -> None:
-        """Keep what somebody did: written first, then shown."""
-        wall_s = self._store.wall_s()
-        record = _updated(record, life, changes, wall_s)
-        steps = [
-            AlertStep(record.alert_id, wall_s, each, who, detail if each is changes[0] else "") for each in changes
-        ]
-        audit = who, f"alert_{changes[0].value}", f"{record.device_name}: {record.kind} {detail}"
-        self._store.save([record], [*self._steps_of(record.alert_id), *steps], audit)
-        self._unsaved.pop(record.alert_id, None)
-        self._unsaved_steps = [step for step in self._unsaved_steps if step.alert_id != record.alert_id]
-        self._lives[key] = life
-        self._records[key] = record
+        """Do to an alert what somebody wants: written first, then shown."""
+        with self._writing:
+            with self._lock:
+                key, before = self._open(alert_id)
+                life, changes = act(self._lives[key])
+                if not changes:
+                    raise refuse(before)
+                wall_s = self._store.wall_s()
+                record = _updated(update(before), life, changes, wall_s)
+                steps = [
+                    AlertStep(alert_id, wall_s, each, who, detail if each is changes[0] else "") for each in changes
+                ]  # fmt: skip
+                earlier = [step for step in self._unwritten.steps if step.alert_id == alert_id]
+            audit = who, f"alert_{changes[0].value}", f"{record.device_name}: {record.kind} {detail}"
+            self._store.save([record], [*earlier, *steps], audit)
+            with self._lock:
+                self._unwritten.forget(_Unwritten({alert_id: before}, earlier))
+                if self._records[key].alert_id == alert_id:
+                    self._take_over(key, before, record, act, update, changes)
+
+    def _take_over(
+        self,
+        key: Key,
+        before: AlertRecord,
+        written: AlertRecord,
+        act: Callable[[Life], lifecycle.Step],
+        update: Callable[[AlertRecord], AlertRecord],
+        known: tuple[Change, ...],
+    ) -> None:
+        """Do what was written to the alert as it is by now: the device may have gone on meanwhile."""
+        now = self._records[key]
+        self._lives[key], changes = act(self._lives[key])
+        if now is before:
+            self._records[key] = written
+        else:
+            wall_s = self._store.wall_s()
+            more = [AlertStep(now.alert_id, wall_s, each) for each in changes if each not in known]
+            self._put(key, _updated(update(now), self._lives[key], changes, wall_s), more)
+        if key[1] == "broke_off" and self._lives[key].is_acknowledged:
+            self._watches[key[0]].broke_off = False
         self._show()
 
-    def _steps_of(self, alert_id: str) -> list[AlertStep]:
-        return [step for step in self._unsaved_steps if step.alert_id == alert_id]
+    def _device(self, device_id: str) -> LiveDevice | None:
+        return next((each for each in self._hub.devices() if each.device_id == device_id), None)
 
-    def _put(self, key: tuple[str, AlertKind], record: AlertRecord, steps: list[AlertStep]) -> None:
+    def _off_watch(self, device_id: str, watch: Watch) -> None:
+        with self._lock:
+            watch.end(self._hub.now_s())
+            self._note_led(device_id, watch, self._hub.now_s())
+
+    def _put(self, key: Key, record: AlertRecord, steps: list[AlertStep]) -> None:
         self._records[key] = record
-        self._unsaved[record.alert_id] = record
-        self._unsaved_steps += steps
+        self._unwritten.records[record.alert_id] = record
+        self._unwritten.steps += steps
 
-    def _save(self) -> None:
-        if not self._unsaved:
-            return
-        try:
-            self._store.save(self._unsaved.values(), self._unsaved_steps)
-        except SQLAlchemyError as error:
-            _log.error("Alerts cannot be written down for now; they are shown all the same: %s", error)
-            return
-        self._unsaved, self._unsaved_steps = {}, []
-
-    def _open(self, alert_id: str) -> tuple[tuple[str, AlertKind], AlertRecord]:
+    def _open(self, alert_id: str) -> tuple[Key, AlertRecord]:
         for key, record in self._records.items():
             if record.alert_id == alert_id and self._lives[key].is_open:
                 return key, record
@@ -294,7 +420,14 @@ class Alerts:
             unacknowledged_since_s=now_s,
             is_holding=record.is_active,
         )
-        self._watched.setdefault(record.device_id, _Watched(record.device_name, now_s))
+        watch = self._watches.setdefault(record.device_id, Watch(record.device_name, now_s))
+        watch.broke_off = watch.broke_off or (
+            record.kind == "broke_off" and record.is_active and record.acknowledged_at_s is None
+        )
+
+
+def _not_open(record: AlertRecord) -> ConsoleError:
+    return NotFoundError("There is no such alert any more: it has been dealt with.")
 
 
 def _updated(record: AlertRecord, life: Life, changes: tuple[Change, ...], wall_s: float) -> AlertRecord:

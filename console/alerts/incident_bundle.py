@@ -1,26 +1,21 @@
-"""An incident as others can use it: frames for a page, and a zip that needs no program of ours."""
+"""An incident as others can use it: a zip that needs no program of ours."""
 
 from __future__ import annotations
 
 import tempfile
 import zipfile
 from collections.abc import Iterable, Iterator
-from dataclasses import replace
 from typing import Any, BinaryIO, cast
 
 import msgspec
 
 from console.alerts.alert_store import AlertRecord
-from console.alerts.incidents import MANIFEST_FILE, MESSAGES_FILE, Incident, Incidents
+from console.alerts.incidents import MANIFEST_FILE, MESSAGES_FILE, Incidents
 from console.exports import ExportedFile
-from console.hub import DeviceHub
-from console.live import LiveDevice
-from console.live_panel import device_view
 from console.message_log import TimedMessage
 from console.recordings import plain_name
-from navcore.wire import ConsoleMessage, DepthImage, Hello, WalkerState
+from navcore.wire import DepthImage
 
-MAX_FRAMES = 2000
 _README = """What a device sent around an incident, as the console kept it.
 
 manifest.json    what, when, of which device and versions
@@ -30,47 +25,6 @@ messages.jsonl   the messages, one a line; arrival_s is the console's steady clo
 silhouettes/     the depth camera's view, named by arrival; no picture in colours is kept
 messages.vbrlog  the same messages as they came (console/message_log.py)
 """
-
-
-class _NoWay:
-    """The way to a device of the past: nothing can be sent to it."""
-
-    def send(self, message: ConsoleMessage) -> None:
-        """Send nothing."""
-
-    def close(self, code: int, reason: str) -> None:
-        """Close nothing."""
-
-
-def replayed(messages: Iterable[TimedMessage], name: str) -> Iterator[tuple[TimedMessage, LiveDevice]]:
-    """Return each message with the device as the console knew it after it: the hub itself is fed with what was kept."""
-    now = [0.0]
-    hub = DeviceHub(now_s=lambda: now[0])
-    for timed in messages:
-        now[0] = timed.arrival_s
-        message = timed.message
-        if isinstance(message, Hello):
-            device_id = message.device_id
-            hub.connect(message, name, _NoWay())
-        else:
-            hub.receive(device_id, message)
-        device = hub.device(device_id)
-        yield timed, replace(device, clock_offset_s=timed.offset_s, clock_uncertainty_s=0.0)
-
-
-def frames(incident: Incident, messages: Iterable[TimedMessage], every_s: float) -> list[dict[str, Any]]:
-    """Return what the panel would have shown, one frame for each state that is ``every_s`` after the one before.
-
-    ``at_s`` counts from the first cause; ``view`` is what the live stream shows of a device.
-    """
-    zero_s = incident.steady_at_began_s + incident.causes[0].at_s - incident.began_at_s
-    found: list[dict[str, Any]] = []
-    next_s = float("-inf")
-    for timed, device in replayed(messages, incident.device_name):
-        if isinstance(timed.message, WalkerState) and timed.arrival_s >= next_s and len(found) < MAX_FRAMES:
-            found.append({"at_s": timed.arrival_s - zero_s, "view": device_view(device, timed.arrival_s)})
-            next_s = timed.arrival_s + every_s
-    return found
 
 
 def bundle(incidents: Incidents, incident_id: str, alerts: list[AlertRecord]) -> ExportedFile:

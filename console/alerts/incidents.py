@@ -31,6 +31,7 @@ from console.hub import DeviceHub
 from console.live import LiveDevice
 from console.message_log import MessageLogWriter, TimedMessage, WireRecord, read_messages
 from console.recordings import RESERVE_BYTES
+from console.retention import UndeletedError
 from navcore.errors import InputError
 from navcore.folder_swap import sync_path
 from navcore.site_files import write_whole
@@ -182,23 +183,33 @@ class Incidents:
     def delete(self, incident_id: str) -> None:
         """Delete an incident. Raises NotFoundError, ConflictError while it is being kept."""
         with self._lock:
-            incident = self.named(incident_id)
-            if incident.state == "keeping":
+            self.named(incident_id)
+            if incident_id in self._kept_now():
                 raise ConflictError("This incident is still being kept: wait until it is complete.")
-            self._delete(incident)
+            _delete(self.folder / incident_id)
 
     def delete_before(self, wall_s: float) -> int:
-        """Delete the incidents that ended before this Unix time; return how many."""
-        with self._lock:
-            old = [each for each in self.all() if each.ends_at_s < wall_s and each.state != "keeping"]
-            for incident in old:
-                self._delete(incident)
-            return len(old)
+        """Delete the incidents that ended before this Unix time; return how many.
 
-    def _delete(self, incident: Incident) -> None:
-        # The manifest goes first: an incident that is deleted by halves is none.
-        (self.folder / incident.incident_id / MANIFEST_FILE).unlink(missing_ok=True)
-        shutil.rmtree(self.folder / incident.incident_id)
+        What nobody describes, for its manifest is damaged or was never written, goes when it was written before then.
+        Raises UndeletedError where some could not be deleted.
+        """
+        deleted, troubles = 0, list[str]()
+        with self._lock:
+            kept_now = self._kept_now()
+            for folder in [each for each in _folders(self.folder) if each.name not in kept_now]:
+                try:
+                    if _ended_at_s(folder) < wall_s:
+                        _delete(folder)
+                        deleted += 1
+                except OSError as error:
+                    troubles.append(f"{folder} ({error.strerror})")
+        if troubles:
+            raise UndeletedError(f"delete by hand, or see who may write there: {', '.join(troubles)}.", deleted)
+        return deleted
+
+    def _kept_now(self) -> set[str]:
+        return {running.incident.incident_id for running in self._keeping.values()}
 
     # ------------------------------------------------------------------------------------------------- internals
     def _begun(self, device: LiveDevice, cause: Cause) -> _Keeping:
@@ -213,12 +224,14 @@ class Incidents:
             if self._free_bytes(self.folder) < RESERVE_BYTES:
                 raise NoRoomError("There is no room for an incident on the console's machine: free its disk.")
             folder.mkdir(mode=0o700)
-            write_whole(folder / MANIFEST_FILE, msgspec.json.encode(incident))
             writer = MessageLogWriter(folder / MESSAGES_FILE)
             before, next_number = self._ring(device.device_id).from_time(incident.steady_at_began_s)
             writer.append([WireRecord(device.connected_at_s, device.clock_offset_s, encode(device.hello)), *before])
+            # The manifest comes last: what could not be begun is no incident that would be kept for ever.
+            write_whole(folder / MANIFEST_FILE, msgspec.json.encode(incident))
             sync_path(folder)
         except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
             raise NoRoomError(
                 f"The incident cannot be kept on the console's machine ({error.strerror}): free its disk."
             ) from error
@@ -287,6 +300,27 @@ def _versions(device: LiveDevice) -> Versions:
         device.hello.software_version, PROTOCOL_VERSION, device.map_checksum, device.graph_version,
         device.settings_revision,
     )  # fmt: skip
+
+
+def _folders(folder: Path) -> list[Path]:
+    return [each for each in folder.iterdir() if each.is_dir()] if folder.is_dir() else []
+
+
+def _ended_at_s(folder: Path) -> float:
+    """Return when an incident ended (Unix time); of what nobody describes, when it was written last."""
+    incident = _read(folder / MANIFEST_FILE)
+    if incident is not None:
+        return incident.ends_at_s
+    return max(path.stat().st_mtime for path in (folder, *folder.iterdir()))
+
+
+def _delete(folder: Path) -> None:
+    """Delete an incident, its manifest last, so that what could not be deleted is found again."""
+    manifest = folder / MANIFEST_FILE
+    for path in [each for each in folder.iterdir() if each != manifest]:
+        path.unlink()
+    manifest.unlink(missing_ok=True)
+    folder.rmdir()
 
 
 def _readable_count(log: Path) -> int:

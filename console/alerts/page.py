@@ -51,18 +51,22 @@ def alerts_markdown() -> str:
         " it is unacknowledged again if its condition still holds.",
         "- What is stale or unknown raises nothing but *nothing heard while leading*, and ends nothing. A console that"
         " is started anew takes up every alert, and knows who was being led.",
+        "- A device that led somebody and has gone is missed, over restarts of the console, until it is heard of again,"
+        " its token is void, or somebody who may give it orders ends the watch and says why.",
+        "- What is judged is shown at once; it is written down by a thread of its own, again and again where the disk"
+        " takes nothing.",
         "- The list is sorted by priority, then what nobody has seen, then the newest: a flood does not bury the"
         " worst.",
         "- Every step is kept, with who and when; what a person does is on the disk before it is answered.",
         "",
         "## Incidents",
         "",
-        f"When an alert of high priority is raised, or a person presses *Keep the last {BEFORE_S:g} s*, what the device"
-        f" sent from {BEFORE_S:g} s before to {AFTER_S:g} s after is kept in the console's data folder"
+        f"When an alert of high priority is raised or comes again, or a person presses *Keep the last {BEFORE_S:g} s*,"
+        f" what the device sent from {BEFORE_S:g} s before to {AFTER_S:g} s after is kept in the console's data folder"
         f" (`incidents/`); what happens meanwhile belongs to it, up to {LONGEST_S:g} s in all. It is written as it"
         " comes, so a crash keeps what there was. It holds states, events, the route, the running settings and depth"
         " silhouettes; no picture in colours. It can be downloaded as a zip that needs no program of ours; an admin"
-        " deletes it.",
+        " deletes it. One that cannot be kept is tried again while its alert lasts.",
     ]
     return "\n".join(lines).rstrip() + "\n"
 

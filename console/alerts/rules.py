@@ -16,13 +16,15 @@ from types import MappingProxyType
 from typing import Literal
 
 from console.live import STALE_AFTER_S, Freshness, LiveDevice
+from console.live_panel import reason_sentence
 from navcore.modes import Mode
+from navcore.sonar_gap import sonar_gap_m
 from navcore.types import Reason
 from navcore.wire import WalkerState
 
 AlertKind = Literal[
     "fall_suspected", "link_lost", "device_fault", "battery_empty", "position_lost", "no_way", "off_road", "stalled",
-    "battery_low", "too_hot", "sensors_disagree",
+    "battery_low", "too_hot", "sensors_disagree", "broke_off",
 ]  # fmt: skip
 
 
@@ -60,6 +62,8 @@ class Observation:
     """So long ago, at the most, is what the device said last."""
     was_led: bool
     """Somebody was being led when the device was heard of last."""
+    broke_off: bool = False
+    """Guidance ended before the destination, nobody is known to have ended it, and nobody has seen this yet."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,17 +126,10 @@ class Finding:
 
 
 # ------------------------------------------------------------------------------------------------- what is looked at
-LED_MODES = frozenset({Mode.GUIDING, Mode.PAUSED, Mode.LOST, Mode.FAULT})
-_CLOSED = frozenset({Reason.NO_CANDIDATE, Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD})
-_DEPTH_RANGE_M = 6.0
-"""Where the depth camera sees nothing ahead, it is free at least so far."""
+_STOPS_OF_THEIR_OWN = frozenset({Reason.ARRIVED, Reason.PAUSED, Reason.NO_ROUTE, Reason.POSE_LOST})
+"""Stops that are meant, or that another rule tells."""
 _GAP_M = 1.0
 _DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
-
-
-def is_led(state: WalkerState) -> bool:
-    """Say whether the device is leading somebody, or has been until something stopped it."""
-    return state.mode in LED_MODES and (state.destination_id is not None or state.mode is Mode.GUIDING)
 
 
 def observe(device: LiveDevice | None, now_s: float, heard_s: float, was_led: bool) -> Observation:
@@ -142,7 +139,7 @@ def observe(device: LiveDevice | None, now_s: float, heard_s: float, was_led: bo
     """
     fresh = device is not None and device.freshness(now_s) in (Freshness.LIVE, Freshness.DELAYED)
     state = device.state if fresh and device is not None else None
-    return Observation(state, max(0.0, now_s - heard_s), was_led if state is None else is_led(state))
+    return Observation(state, max(0.0, now_s - heard_s), was_led if state is None else state.leads_somebody)
 
 
 def judge(rule: Rule, seen: Observation, was_holding: bool) -> Finding:
@@ -168,12 +165,8 @@ def _figure(value: float, unit: str) -> str:
 
 def sentence_of(rule: Rule, finding: Finding, seen: Observation, name: str) -> str:
     """Return what is wrong, with its figures."""
-    return rule.sentence.format(name=name, what=finding.what, value=finding.value, reason=_reason_words(seen.state))
-
-
-def _reason_words(state: WalkerState | None) -> str:
-    reason = None if state is None else _reason(state)
-    return "" if reason is None else reason.sentence
+    reason = "" if seen.state is None else reason_sentence(seen.state.reason)
+    return rule.sentence.format(name=name, what=finding.what, value=finding.value, reason=reason)
 
 
 def _reason(state: WalkerState) -> Reason | None:
@@ -198,13 +191,14 @@ def _tilt_deg(seen: Observation) -> float | None:
 def _sonar_gap_m(seen: Observation) -> float | None:
     """How much farther the depth camera sees free than the rangefinder hears something."""
     state = seen.state
-    if state is None or state.sonar_state in ("stale", "absent"):
+    if state is None:
         return None
-    if state.sonar_state == "no_echo" or state.sonar_m is None:
-        return 0.0
-    seen_m = _DEPTH_RANGE_M if state.nearest_ahead_m is None else state.nearest_ahead_m
+    gap_m = sonar_gap_m(state.sonar_state, state.sonar_m, state.nearest_ahead_m, state.reason)
+    is_heard = state.sonar_state == "ok" and state.sonar_m is not None
+    if gap_m is None or not is_heard:
+        return gap_m
     # What was only heard is remembered, and closes the way like what was seen: the device says where that decided.
-    return max(seen_m - state.sonar_m, _GAP_M if _reason(state) is Reason.OBSTACLE_SONAR else 0.0)
+    return max(gap_m, _GAP_M if _reason(state) is Reason.OBSTACLE_SONAR else 0.0)
 
 
 def _is_worn(seen: Observation) -> bool:
@@ -219,9 +213,11 @@ def _is_guiding(seen: Observation) -> bool:
     return seen.state is not None and seen.state.mode is Mode.GUIDING
 
 
-def _has_no_way(seen: Observation) -> bool:
+def _is_held_up(seen: Observation) -> bool:
     state = seen.state
-    return _is_guiding(seen) and state is not None and state.action == "stop" and _reason(state) in _CLOSED
+    if state is None or not _is_guiding(seen) or state.action != "stop":
+        return False
+    return _reason(state) not in _STOPS_OF_THEIR_OWN
 
 
 def _is_to_walk(seen: Observation) -> bool:
@@ -256,8 +252,15 @@ _TABLE = (
         "link_lost", "Nothing heard while leading", Priority.HIGH, lambda seen: seen.was_led,
         "somebody was being led when the device was heard of last", 0.0, 3.0,
         "Nothing new from {name} for {value}, and somebody was being led.",
-        "Guidance goes on without the console, but nobody can see how. Call the walker by telephone, or go there.",
+        "It is not known whether guidance goes on. Call the walker by telephone, or go there.",
         (Quantity("age of what was heard last", "s", STALE_AFTER_S, 2.0, lambda seen: seen.silent_s),),
+        needs_state=False,
+    ),
+    Rule(
+        "broke_off", "Guidance broke off", Priority.HIGH, lambda seen: seen.broke_off,
+        "somebody was being led and is no more: not arrived, and nobody has ended it; until somebody has seen it", 3.0,
+        1.0, "{name} leads the walker no more: they have not arrived, and nobody has ended it.",
+        "The device may have started anew. Speak to the walker, and set the destination again or send somebody.",
         needs_state=False,
     ),
     Rule(
@@ -278,9 +281,10 @@ _TABLE = (
         escalate_after_s=60.0,
     ),
     Rule(
-        "no_way", "No way", Priority.MEDIUM, _has_no_way, "guiding, and stopped since no direction is free", 10.0, 2.0,
-        "No way for {name}. {reason}",
-        "Look at the depth picture. Tell the walker what is there, or choose another destination.",
+        "no_way", "No way on", Priority.MEDIUM, _is_held_up,
+        "guiding, and told to stand: not arrived, not paused, and the place is known", 10.0, 2.0,
+        "No way on for {name}. {reason}",
+        "Look at the depth picture. Tell the walker what is there or what to do, or choose another destination.",
         escalate_after_s=120.0,
     ),
     Rule(

@@ -30,6 +30,7 @@ _ARROW_LENGTH_M = 1.1
 _CUE_SCALE = 1.25
 _ROUTE_Z_M, _TRAIL_Z_M, _DOT_Z_M, _FAN_Z_M = 0.10, 0.05, 0.16, 0.22
 _BEAT_EVERY_S = 0.5
+_PAST_RING_M = 0.9
 _FAR_OFF_M = 1.0
 """So far off the route the trail has its strongest colour."""
 _FLAT: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False}
@@ -70,7 +71,8 @@ class LiveLayer:
         """Draw the walker as known now; what is old is grey, dated, and as uncertain as a walker who went on."""
         state = view.state
         with self._client.atomic():
-            self._beat.position = (view.now_s - view.now_s % _BEAT_EVERY_S, 0.0, 0.0)
+            console_s = view.now_s if view.past is None else view.past.console_s
+            self._beat.position = (console_s - console_s % _BEAT_EVERY_S, 0.0, 0.0)
             self._others.show(view.others, view.now_s)
             self._show_routes(view)
             if state is None or state.pose is None:
@@ -111,7 +113,8 @@ class LiveLayer:
         _show_path(self._trail, view.trail_m, _TRAIL_Z_M)
         _show_path(self._route, view.route_m, _ROUTE_Z_M)
         colour = look.ROUTE if view.freshness is Freshness.LIVE else look.dimmed(look.ROUTE, 0.5)
-        self._route.colors = np.array(colour if view.is_believed else look.WALKER_STALE, dtype=np.uint8)
+        is_of_now = view.is_believed and view.past is None
+        self._route.colors = np.array(colour if is_of_now else look.WALKER_STALE, dtype=np.uint8)
         if self._trail.visible:
             self._trail.colors = trail_colours(view)
 
@@ -145,6 +148,10 @@ class _Figure:
             "/walker/disc", disc.vertices_m, disc.faces, color=look.WALKER, side="double", opacity=0.25,
             position=(0.0, 0.0, 0.03), **_FLAT,
         )  # fmt: skip
+        self._past = scene.add_line_segments(
+            "/walker/past", meshes.dashed_ring(_PAST_RING_M, _DOT_Z_M).astype(np.float32), look.WALKER_STALE,
+            thickness=4.0, thickness_units="screen", visible=False,
+        )  # fmt: skip
         self._cue = scene.add_label(
             "/walker/cue",
             "",
@@ -155,9 +162,11 @@ class _Figure:
         )
 
     def show(self, view: LiveView, eye_m: float, believed: bool) -> None:
-        colour: Rgb = look.WALKER if view.freshness is Freshness.LIVE else look.WALKER_STALE
+        is_live = view.freshness is Freshness.LIVE and view.past is None
+        colour: Rgb = look.WALKER if is_live else look.WALKER_STALE
+        self._past.visible = view.past is not None
         height = float(np.clip(eye_m / meshes.FIGURE_EYE_HEIGHT_M, 0.5, 1.3))
-        opacity = 1.0 if believed else 0.35
+        opacity = 1.0 if believed and view.past is None else 0.35
         for part in (self._body, self._head):
             part.color, part.opacity = colour, opacity
         self._body.scale = height
@@ -174,6 +183,8 @@ class _Figure:
     @staticmethod
     def _words(view: LiveView) -> str:
         age_s = view.age_s or 0.0
+        if view.past is not None:
+            return view.past.words
         if view.freshness is not Freshness.LIVE:
             return f"{view.freshness.value.upper()}, seen {look.age_text(age_s)}"
         return f"“{view.cue}”" if view.cue else ""
@@ -252,8 +263,9 @@ class _Extras:
 
 def trail_colours(view: LiveView) -> NDArray[np.uint8]:
     """Return colours for the ends of the trail's pieces (n − 1, 2, 3): the farther off the route, the stronger."""
-    if not view.is_believed or view.trail_deviations_m is None:
-        colour = look.TRAIL if view.is_believed else look.WALKER_STALE
+    is_of_now = view.is_believed and view.past is None
+    if not is_of_now or view.trail_deviations_m is None:
+        colour = look.TRAIL if is_of_now else look.WALKER_STALE
         return np.full((len(view.trail_m) - 1, 2, 3), colour, dtype=np.uint8)
     far = np.nan_to_num(np.clip(view.trail_deviations_m / _FAR_OFF_M, 0.0, 1.0))[:, None]
     colours = ((1.0 - far) * look.TRAIL + far * look.SONAR_NEAR).astype(np.uint8)

@@ -21,6 +21,15 @@ _TRAIL_SPACING_M = 0.25
 _TRAIL_POINTS_COUNT = 240
 
 
+@dataclass(frozen=True, slots=True)
+class PastMark:
+    """Says of a view that it is of the past."""
+
+    words: str
+    console_s: float
+    """The console's monotonic clock now: the scene itself is as young as ever."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LiveView:
     """One device at one instant, as the scene shows it; ``device`` is None while none has ever connected."""
@@ -36,6 +45,8 @@ class LiveView:
     """How far off the route the walker was at each (n,); NaN where there was no route."""
     others: tuple[LiveDevice, ...] = ()
     """The other devices."""
+    past: PastMark | None = None
+    """Where this is of a past walk: ``now_s`` is on the clock of then."""
 
     @property
     def state(self) -> WalkerState | None:
@@ -60,10 +71,10 @@ class LiveView:
     @property
     def is_silhouette_believed(self) -> bool:
         """Whether the depth image, which comes more rarely than the state, may still hold."""
-        image = self.device.depth_image if self.device is not None else None
-        if self.device is None or image is None:
+        age_s = self.device.depth_age_s(self.now_s) if self.device is not None else None
+        if self.device is None or age_s is None:
             return False
-        age_s = self.device.age_of(image.stamp_s, self.now_s) + (self.device.clock_uncertainty_s or 0.0)
+        age_s += self.device.clock_uncertainty_s or 0.0
         return freshness(age_s, self.device.connected) in (Freshness.LIVE, Freshness.DELAYED)
 
     @property

@@ -117,6 +117,14 @@ def ring(radius_m: float, width_m: float, sides_count: int = 48) -> Mesh:
     return lathe([(max(radius_m - width_m, 0.0), 0.0), (radius_m, 0.0)], sides_count)
 
 
+def dashed_ring(radius_m: float, z_m: float, dashes_count: int = 12) -> FloatArray:
+    """Return a ring of dashes as segments (3 · dashes, 2, 3): each dash has three, each gap is as long."""
+    ring_rad = np.linspace(0.0, 2.0 * np.pi, 6 * dashes_count + 1)
+    circle_m = radius_m * np.column_stack([np.cos(ring_rad), np.sin(ring_rad)])
+    segments = line_segments(circle_m, z_m)
+    return segments[np.arange(len(segments)) % 6 < 3]
+
+
 def horizontal_cone(half_angle_rad: float, length_m: float, sides_count: int = 24) -> Mesh:
     """A cone with its tip at the origin that opens along the x axis: the ultrasonic field."""
     upright = lathe([(0.0, 0.0), (length_m * math.tan(half_angle_rad), length_m)], sides_count)

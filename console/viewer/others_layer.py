@@ -39,7 +39,7 @@ class OthersLayer:
             for device in devices
             if device.state is not None
             and device.state.pose is not None
-            and device.age_of(device.state.stamp_s, now_s) < LAST_SEEN_SHOWN_S
+            and (device.age_s(now_s) or 0.0) < LAST_SEEN_SHOWN_S
         ][:MAX_OTHERS_COUNT]
         while len(self._pool) < len(shown):
             self._pool.append(self._made(len(self._pool)))

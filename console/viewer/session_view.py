@@ -22,7 +22,7 @@ from console.presence import Doing
 from console.publishing import UnconfirmedError, publish
 from console.roles import EDITING, TUNING, SignedIn
 from console.services import Services
-from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ViewRequest
+from console.view_requests import EndPast, FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ShowPast, ViewRequest
 from console.viewer.appearance import LIGHT, THEMES, Theme
 from console.viewer.begun import Drawing, FloorPoint, Mode
 from console.viewer.cloud import FloorBounds
@@ -35,6 +35,7 @@ from console.viewer.live_layer import LiveLayer
 from console.viewer.live_view import LiveView
 from console.viewer.map_panel import MapPanel
 from console.viewer.meshes import floor_point
+from console.viewer.past_playback import PastPlayback
 from console.viewer.people_layer import PeopleLayer, words_of
 from console.viewer.preview_layer import PreviewLayer
 from console.viewer.road_layer import RoadLayer
@@ -96,6 +97,7 @@ class SessionView:
         self.people = PeopleLayer(client)
         self.labels = LabelLayer(client, self.graph)
         self.live = LiveLayer(client)
+        self.past = PastPlayback(client)
         self._build_panel(CloudLayer(client, colours), colours.cloud.sentence)
         client.scene.on_click()(self._click_floor)  # type: ignore[arg-type]
         client.scene.on_click(modifier="shift")(self._click_floor)  # type: ignore[arg-type]
@@ -304,6 +306,10 @@ class SessionView:
             case MoveCamera(to):
                 move = self.view_panel.follow if to == "walker" else self.view_panel.overview
                 move()
+            case ShowPast():
+                self.past.take(request, self._services.hub.now_s())
+            case EndPast():
+                self.past.end()
             case FlyToPoi(poi_id):
                 poi = self.editor.graph.pois.get(poi_id)
                 if poi is not None:
@@ -353,11 +359,12 @@ class SessionView:
         self._say_presence()
         self._show_people()
         self.live.hide_details(not self.view_panel.details.value)
-        self.live.show(view)
+        shown = self.past.view(view)
+        self.live.show(shown)
         self.walker_panel.show(view, hub.devices(), model.published)
         if self.tuning_panel is not None:
             self.tuning_panel.tick(view.device)
-        self.view_panel.tick(view)
+        self.view_panel.tick(shown)
         cue = self.live.cue_spot
         kept_clear = (*self.people.spots, cue) if cue is not None else self.people.spots
         poi = self.editor.poi

@@ -22,7 +22,7 @@ from navcore.wire import WalkerState
 
 Tell = Callable[[str, str], None]
 _NOWHERE = "– choose –"
-_LED = (Mode.GUIDING, Mode.LOST, Mode.FAULT)
+_GUIDANCE_TELLS = (Mode.GUIDING, Mode.LOST, Mode.FAULT)
 """States in which guidance's own words say more than the state."""
 
 
@@ -129,7 +129,7 @@ def status(view: LiveView, graph: PoiGraph) -> str:
 
 
 def _heading(state: WalkerState) -> str:
-    if state.mode not in _LED:
+    if state.mode not in _GUIDANCE_TELLS:
         return state.mode.label
     if state.action == "stop":
         return f"Stop. {reason_sentence(state)}"

@@ -20,7 +20,7 @@ import numpy as np
 from device_agent.adapters.clocks import SteppedClock
 from device_agent.adapters.fakes import FakeOutput, NoUplink
 from device_agent.agent import DeviceAgent, DeviceParts
-from device_agent.cycle import Cycle
+from device_agent.cycle import Cycle, walker_state
 from device_agent.load_plan import LoadLevel
 from device_agent.locating import Answer, Locator, Request
 from device_agent.loop import Ports
@@ -30,9 +30,10 @@ from device_agent.recording import exact
 from device_agent.recording.notes import CycleNotes, MapTaken, OrderTaken, Raised
 from device_agent.recording.reading import RecordedCycle, RecordedPart
 from device_agent.recording.tap import Tap
-from device_agent.state import PreparedMap
+from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue
 from navcore.errors import InputError, SensorError
+from navcore.explain import explain
 from navcore.geometry import Transform
 from navcore.obstacle.levelling import Expected, Levelling
 from navcore.obstacle.scan import with_directions
@@ -69,6 +70,10 @@ class ReplayedCycle:
     """All that the loop says now, notices included."""
     differs_in: tuple[str, ...]
     """What is not the same to the last bit: "guidance", "cues", "localization", "scan"."""
+    state: DeviceState
+    """After the cycle, now."""
+    settings_then: Settings
+    """What ran then."""
 
 
 def replay(
@@ -120,6 +125,7 @@ def decision_line(cycle: ReplayedCycle) -> dict[str, object]:
     then = _decision(cycle.notes.guidance, cycle.notes.cues)
     now = _decision(cycle.cycle.guidance, cycle.cues)
     differs_in = [name for name in then if then[name] != now[name]]
+    then["sentence"], now["sentence"] = _sentences(cycle, alike=not differs_in)
     return {
         "cycle": cycle.notes.number, "stamp_s": round(cycle.notes.guidance.stamp_s, 4), "differs_in": differs_in,
         "then": then, "now": now,
@@ -136,6 +142,25 @@ def _decision(guidance: Guidance, cues: tuple[Cue, ...]) -> dict[str, object]:
         "deviation_m": None if deviation_m is None else round(deviation_m, 3),
         "cues": [cue.text or cue.kind.value for cue in cues],
     }
+
+
+def _sentences(cycle: ReplayedCycle, *, alike: bool) -> tuple[str, str]:
+    """Return why the decision was what it was then, and is what it is now, as the console would tell it.
+
+    What stood in the way is the same for both: a replay takes it from the recording. What an earlier version did not
+    note of a decision is that of now, where both decide ``alike``.
+    """
+    now, guidance_then = cycle.cycle, cycle.notes.guidance
+    if alike and guidance_then.trace.decided is None:
+        guidance_then = now.guidance
+    fault_then = now.fault if guidance_then.reason is now.guidance.reason else ""
+    then = replace(now, guidance=guidance_then, fault=fault_then)
+    state_then = replace(cycle.state, settings=cycle.settings_then)
+    return _sentence(then, state_then), _sentence(now, cycle.state)
+
+
+def _sentence(cycle: Cycle, state: DeviceState) -> str:
+    return explain(walker_state(state, cycle, None, 0.0)).sentence
 
 
 def difference(cycle: ReplayedCycle) -> dict[str, object]:
@@ -191,13 +216,14 @@ class _Run:
         self.walk_id, self.next_number = opening.walk_id, opening.next_number
         self._from_pictures = make_localizer is not None
         self._intrinsics = opening.intrinsics
-        state = replace(opening.state, settings=opening.state.settings.changed(changes))
+        state = _changed(opening.state, changes)
         if opening.waiting_map is not None:
             state = replace(state, waiting_map=self._prepared(opening.waiting_map))
         localizer: LocalizerPort = _NoLocalizer()
         if make_localizer is not None:
             localizer = _rehearsed(part, make_localizer(opening.intrinsics, state.settings))
         self._changes = changes
+        self._then = _SettingsThen(opening.state.settings, changes)
         self._tap = _ReplayTap(self._from_pictures, redirects=any(key.startswith("obstacle.") for key in changes))
         parts = DeviceParts(
             SteppedClock(), _ReplayedCamera(self._tap, opening.intrinsics), _ReplayedSonar(self._tap), FakeOutput(),
@@ -229,12 +255,14 @@ class _Run:
             "guidance": (cycle.guidance, notes.guidance), "cues": (cues, notes.cues),
         }  # fmt: skip
         differs_in = tuple(name for name, (now, then) in pairs.items() if not exact.same(now, then))
-        return ReplayedCycle(notes, cycle, cues, differs_in)
+        state = self._agent.state
+        return ReplayedCycle(notes, cycle, cues, differs_in, state, self._then.after(state.settings))
 
     def _order(self, order: OrderTaken) -> Order:
         if order.message is not None:
             message = decode_from_console(order.message)
             if isinstance(message, ApplySettings):
+                self._then.ask(message.values)
                 # What was changed on the way back then does not undo what is looked at now.
                 message = msgspec.structs.replace(message, values=message.values | dict(self._changes))
             return message
@@ -255,6 +283,14 @@ class _Run:
         return PreparedMap(Path(), taken.checksum, site, _NoLocalizer(), taken.told)
 
 
+def _changed(state: DeviceState, changes: Mapping[str, SettingValue]) -> DeviceState:
+    """Return a state under other settings: those that run again after a trial are changed too."""
+    trial = state.trial
+    if trial is not None:
+        trial = replace(trial, before=trial.before.changed(changes))
+    return replace(state, settings=state.settings.changed(changes), trial=trial)
+
+
 def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:
     """Bring the localizer to where it was before the first cycle."""
     if part.description.get("pictures") != "yes":
@@ -268,6 +304,27 @@ def _rehearsed(part: RecordedPart, localizer: LocalizerPort) -> LocalizerPort:
     if frame is not None:
         localizer.locate(frame)
     return localizer
+
+
+class _SettingsThen:
+    """Knows what ran then, from what runs now and what of it is looked at under another value."""
+
+    def __init__(self, settings: Settings, changes: Mapping[str, SettingValue]) -> None:
+        self._values = {key: settings.value(key) for key in changes}
+        self._asked: dict[str, SettingValue] = {}
+        self._now = self._then = settings
+
+    def ask(self, values: Mapping[str, SettingValue]) -> None:
+        """Somebody asked for other values; whether they ran is seen after the cycle."""
+        self._asked |= {key: value for key, value in values.items() if key in self._values}
+
+    def after(self, now: Settings) -> Settings:
+        """Return what ran then, where this runs now."""
+        if now is not self._now:
+            self._values |= self._asked
+            self._now, self._then = now, now.changed(self._values)
+        self._asked = {}
+        return self._then
 
 
 class _ReplayTap(Tap):

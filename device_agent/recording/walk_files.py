@@ -208,8 +208,10 @@ class WalkFiles:
         rehearsal = self.rehearsal if self._options.pictures and item.number == 1 else None
         opening = _opening(item, intrinsics, self._walk_id, self._part_number, rehearsal)
         path = self._options.folder / PartName(self._walk_id, self._part_number).file_name
+        # Before there is such a file: whoever lists the folder is told that it is not complete.
+        self._path = path
         part = PartWriter(self._open_file(path), opening, self._description(opening))
-        self._part, self._path, self._transcript = part, path, Transcript(opening)
+        self._part, self._transcript = part, Transcript(opening)
         self._part_began_s = self._flushed_s = self._monotonic_s()
         for channel, stamp_s, message in self._transcript.beginning(item.cycle.stamp_s, rehearsal):
             part.write(channel, stamp_s, message)
@@ -228,7 +230,7 @@ class WalkFiles:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _finish_part(self) -> None:
-        part, self._part, self._path = self._part, None, None
+        part, self._part = self._part, None
         if part is None:
             return
         try:
@@ -236,6 +238,8 @@ class WalkFiles:
         except OSError:
             part.abandon()
             raise
+        finally:
+            self._path = None
         self.on_finished()
 
     def _break_off(self, error: Exception) -> None:

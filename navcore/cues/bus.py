@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
-from navcore.cues.table import Cue, CueKind, CuePriority
+from navcore.cues.table import ASIDES, Cue, CueKind, CuePriority
 from navcore.cues.texts import Language, speech_duration_s
 
 _WAITS_AT_MOST_S = 4.0
 _MESSAGE_WAITS_AT_MOST_S = 20.0
 """What is told once ("Another way", somebody at the console) is not lost behind a few turns on the spot."""
-_PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS, CueKind.WATCHED, CueKind.UNWATCHED, CueKind.CONSENT})
+_PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS})
 PAUSE_S = 0.1
 """Silence between two sentences."""
 
@@ -32,7 +32,7 @@ class CueBus:
     waiting: tuple[Cue, ...] = ()
     """Sentences that wait, at most one of each priority."""
     repeatable: Cue | None = None
-    """The last sentence, for "repeat last"."""
+    """The last sentence, for "repeat last"; none that is told beside guidance."""
 
     def is_speaking(self, now_s: float) -> bool:
         """Return whether a sentence is being spoken."""
@@ -79,7 +79,8 @@ def _begin(
     if speaking is not None and speaking.priority < chosen.priority:
         rest.setdefault(speaking.priority, speaking)
     until_s = now_s + chosen.duration_s + speech_duration_s(chosen.text, language) + PAUSE_S
-    return (chosen,), CueBus(chosen, until_s, tuple(rest.values()), chosen)
+    repeatable = bus.repeatable if chosen.kind in ASIDES else chosen
+    return (chosen,), CueBus(chosen, until_s, tuple(rest.values()), repeatable)
 
 
 def _cuts_off(cue: Cue, speaking: Cue) -> bool:

@@ -17,7 +17,7 @@ from navcore.cues.bus import CueBus
 from navcore.cues.directions import move_text, told_move_deg, told_turn_deg, turn_text
 from navcore.cues.memory import CueMemory
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue
-from navcore.cues.table import ANNOUNCEMENTS, PRIORITY, Cue, CueKind, CuePriority
+from navcore.cues.table import ANNOUNCEMENTS, OF_PRIVACY, PRIORITY, Cue, CueKind, CuePriority
 from navcore.cues.texts import TEXTS, Language
 from navcore.settings import CueSettings, Settings
 from navcore.types import Action, Guidance, Reason, Route, SonarState
@@ -272,7 +272,7 @@ def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -
 def _cut_off(
     memory: CueMemory, before: CueMemory, played: tuple[Cue, ...], heard: CueBus, now_s: float
 ) -> tuple[CueMemory, CueBus]:
-    """Announcements do not wait, nor does an answer that was begun: whoever wants to hear it again can ask again.
+    """Announcements and what is told beside guidance do not wait, nor does an answer that was begun: whoever wants to hear it again can ask again.
 
     An announcement of what the map knows that other words have cut off is made anew, with a true distance.
     """
@@ -282,7 +282,7 @@ def _cut_off(
         waiting=tuple(
             cue
             for cue in heard.waiting
-            if cue.kind not in ANNOUNCEMENTS and not (cue is cut and cue.kind is CueKind.ANSWER)
+            if cue.kind not in ANNOUNCEMENTS | OF_PRIVACY and not (cue is cut and cue.kind is CueKind.ANSWER)
         ),
     )
     if cut is None or cut.kind not in OF_THE_MAP or before.announcing is None:

@@ -219,18 +219,18 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
     ),
     CueKind.WATCHED: CueEntry(
         CuePriority.PRIVACY, "Somebody has begun to watch at the console.", _SPOKEN, "no other",
-        "until it has been said without being cut off",
+        "in a gap, and after 10 s again where it was cut off",
         ("watch_one", "watch_many", "watch_also_one", "watch_also_many", "names_and", "names_others"),
     ),
     CueKind.UNWATCHED: CueEntry(
         CuePriority.PRIVACY, "Somebody watches no more.", _SPOKEN, "no other",
-        "until it has been said without being cut off", ("watch_left_one", "watch_left_many", "watch_nobody"),
+        "in a gap, and after 10 s again where it was cut off", ("watch_left_one", "watch_left_many", "watch_nobody"),
         verbosity="normal",
     ),
     CueKind.CONSENT: CueEntry(
         CuePriority.PRIVACY,
         "Somebody at the console asks to see colour pictures, or sees them no more. No answer in 30 s is *no*.",
-        _SPOKEN, "no other", "until it has been said without being cut off",
+        _SPOKEN, "no other", "in a gap, and after 10 s again where it was cut off",
         ("colour_asked", "colour_asked_why", "colour_unanswered", "colour_ended"),
     ),
     CueKind.COLOUR_SIGN: CueEntry(
@@ -254,6 +254,11 @@ ANNOUNCEMENTS = frozenset(
     }
 )  # fmt: skip
 """Sentences that begin at their time or not at all: said later, the distance in them would be wrong."""
+
+OF_PRIVACY = frozenset({CueKind.WATCHED, CueKind.UNWATCHED, CueKind.CONSENT})
+"""Sentences that never wait for the end of others: whoever has them said waits for a gap, and tries again."""
+ASIDES = frozenset({CueKind.WATCHED, CueKind.UNWATCHED})
+"""What is told beside guidance: it takes nobody's place as the last sentence, neither to repeat nor to be shown."""
 
 
 def is_said(kind: CueKind, verbosity: Verbosity) -> bool:

@@ -60,4 +60,6 @@ def findings_of(evidence: MapEvidence) -> tuple[Finding, ...]:
 
 
 def _order(finding: Finding) -> tuple[object, ...]:
-    return (_RANK[finding.severity], finding.x_m, finding.y_m, finding.code, finding.text, finding.poi_ids)
+    place = (finding.x_m, finding.y_m)
+    about = (finding.poi_ids, finding.edge_ids, finding.road_ids)
+    return (_RANK[finding.severity], *place, finding.code, finding.text, *about)

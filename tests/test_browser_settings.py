@@ -9,11 +9,11 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import DialledDevice, hello_of, serving
 from playwright.sync_api import Page, expect
 from recorded_walk import STORED_WALK
-from test_browser_pages_accessible import in_both_themes
 from test_past_walks import take
 
 from console.server import ConsoleServer

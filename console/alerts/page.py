@@ -61,8 +61,8 @@ def alerts_markdown() -> str:
         "",
         "## Incidents",
         "",
-        f"When an alert of high priority is raised or comes again, or a person presses *Keep the last {BEFORE_S:g} s*, what"
-        f" the device sent from {BEFORE_S:g} s before to {AFTER_S:g} s after is kept in the console's data folder"
+        f"When an alert of high priority is raised or comes again, or a person presses *Keep the last {BEFORE_S:g} s*,"
+        f" what the device sent from {BEFORE_S:g} s before to {AFTER_S:g} s after is kept in the console's data folder"
         f" (`incidents/`); what happens meanwhile belongs to it, up to {LONGEST_S:g} s in all. It is written as it"
         " comes, so a crash keeps what there was. It holds states, events, the route, the running settings and depth"
         " silhouettes; no picture in colours. It can be downloaded as a zip that needs no program of ours; an admin"

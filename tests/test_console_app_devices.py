@@ -329,20 +329,28 @@ def change(admin: Person, changes: dict[str, object], **more: object) -> httpx.R
     return admin.http.patch("/api/devices/glasses/settings", json={"changes": changes, **more})
 
 
-def test_settings_run_or_are_refused_and_both_are_kept(
-    server: ConsoleServer, admin: Person, device: DialledDevice
-) -> None:
+@pytest.fixture
+def tuned(server: ConsoleServer, device: DialledDevice) -> DialledDevice:
+    """A device that has told what it runs."""
     device.send(SettingsRunning(0, dict(DEFAULTS)))
     until(server.services.hub, lambda d: d.settings is not None)
+    return device
+
+
+def test_settings_run_or_are_refused_and_both_are_kept(
+    server: ConsoleServer, admin: Person, tuned: DialledDevice
+) -> None:
+    device = tuned
     change(admin, {"follower.sub_goal_distance_m": 2.5}, why="narrow corridor").raise_for_status()
     order = device.next(ApplySettings)
-    assert order.values == DEFAULTS | {"follower.sub_goal_distance_m": 2.5}
-    device.send(SettingsRunning(order.revision, order.values))
+    assert order.values == {"follower.sub_goal_distance_m": 2.5}
+    runs = DEFAULTS | order.values
+    device.send(SettingsRunning(order.revision, runs))
     fate(server, "apply_settings", "running")
     change(admin, {"cues.announce_m": 8.0}).raise_for_status()
     second = device.next(ApplySettings)
-    assert second.values["follower.sub_goal_distance_m"] == 2.5
-    device.send(SettingsRunning(order.revision, order.values, second.revision, "Not while somebody walks."))
+    assert (second.values, second.base_revision) == ({"cues.announce_m": 8.0}, order.revision)
+    device.send(SettingsRunning(order.revision, runs, second.revision, "Not while somebody walks."))
     assert fate(server, "apply_settings", "refused") == "Not while somebody walks."
     kept = admin.http.get("/api/devices/glasses/settings").json()
     assert kept["values"]["cues.announce_m"] == DEFAULTS["cues.announce_m"]
@@ -365,7 +373,7 @@ def test_settings_run_or_are_refused_and_both_are_kept(
     ],
 )
 def test_unfit_settings_are_refused_before_they_are_sent(
-    admin: Person, device: DialledDevice, changes: dict[str, object], words: str
+    admin: Person, tuned: DialledDevice, changes: dict[str, object], words: str
 ) -> None:
     answer = change(admin, changes)
     assert answer.status_code == 400
@@ -373,24 +381,9 @@ def test_unfit_settings_are_refused_before_they_are_sent(
     assert admin.http.get("/api/devices/glasses/settings").json()["revisions"] == []
 
 
-def test_what_safety_hangs_on_needs_a_confirmation(admin: Person, device: DialledDevice) -> None:
+def test_what_safety_hangs_on_needs_a_confirmation(admin: Person, tuned: DialledDevice) -> None:
     change(admin, {"gate.clearance_m": 1.5}, confirmed=True, why="glass doors").raise_for_status()
-    assert device.next(ApplySettings).values["gate.clearance_m"] == 1.5
-
-
-def test_a_device_that_comes_back_is_asked_again_for_the_settings_it_missed(
-    server: ConsoleServer, admin: Person
-) -> None:
-    token = token_for(admin)
-    first = DialledDevice(server.ready.url, token, hello_of(server, settings_revision=7))
-    first.next(Welcome)
-    change(admin, {"cues.announce_m": 8.0}).raise_for_status()
-    revision = first.next(ApplySettings).revision
-    assert revision > 7
-    first.socket.close()
-    second = DialledDevice(server.ready.url, token, hello_of(server, settings_revision=7))
-    assert second.next(ApplySettings).revision == revision
-    second.socket.close()
+    assert tuned.next(ApplySettings).values["gate.clearance_m"] == 1.5
 
 
 def test_a_published_graph_reaches_the_device_at_once_or_when_it_comes(

@@ -99,6 +99,20 @@ class Services:
     """What is done again and again while the console serves."""
 
 
+def _deleting_walks(walks: PastWalks, library: WalkLibrary, what_ifs: WhatIfs) -> DeleteBefore:
+    """Return what deletes walks with all that was read of them, or found in them, and is in memory."""
+
+    def delete_before(wall_s: float) -> int:
+        try:
+            return walks.recordings.delete_before(wall_s)
+        finally:
+            here = walks.all()
+            library.forget_deleted(here)
+            what_ifs.forget_deleted(here)
+
+    return delete_before
+
+
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
     """Put the parts together: sessions that end close their sockets, what is published reaches the devices."""
     sockets, views = SessionSockets(), ViewRequests()
@@ -145,19 +159,10 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
     walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
-
-    def delete_walks_before(wall_s: float) -> int:
-        try:
-            return recordings.delete_before(wall_s)
-        finally:
-            here = walks.all()
-            walk_library.forget_deleted(here)
-            what_ifs.forget_deleted(here)
-
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
     kept_of_walkers: dict[str, DeleteBefore] = {
-        "Walks": delete_walks_before,
+        "Walks": _deleting_walks(walks, walk_library, what_ifs),
         "Incidents": incidents.delete_before,
         "Alerts": alert_store.delete_before,
         "Events": delete_events_before,

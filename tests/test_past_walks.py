@@ -13,7 +13,7 @@ from typing import Any
 
 import msgspec
 import pytest
-from console_room import DialledDevice, Person, hello_of, until
+from console_room import DialledDevice, Person, hello_of, invited, until
 from mcap.reader import make_reader
 from recorded_walk import STORED_WALK, record
 

@@ -20,7 +20,7 @@ from console.presets import Preset
 from console.requests import Visitor, json_response
 from console.services import Services
 from console.settings_store import SettingsRevision
-from console.tuning import TRIAL_S, Consent
+from console.tuning import TRIAL_S, Confirmation
 from navcore.settings import ORDERS, Settings, SettingSpec, setting_specs
 
 REVISIONS_SHOWN_COUNT = 30
@@ -54,12 +54,12 @@ def _add_changing_routes(app: FastAPI, services: Services) -> None:
 
     @app.patch("/api/devices/{device_id}/settings")
     def change_settings(visitor: Visitor, device_id: str, body: SettingsBody) -> Response:
-        command = tuning.change(device_id, body.changes, visitor.user_name, _consent(body), body.seen_revision)
+        command = tuning.change(device_id, body.changes, visitor.user_name, _confirmation(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
     @app.post("/api/devices/{device_id}/settings/back")
     def back(visitor: Visitor, device_id: str, body: BackToBody) -> Response:
-        command = tuning.back_to(device_id, body.revision, visitor.user_name, _consent(body), body.seen_revision)
+        command = tuning.back_to(device_id, body.revision, visitor.user_name, _confirmation(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
     @app.post("/api/devices/{device_id}/settings/keep")
@@ -100,8 +100,8 @@ def _add_preset_routes(app: FastAPI, services: Services) -> None:
         return json_response({})
 
 
-def _consent(body: SettingsBody | BackToBody) -> Consent:
-    return Consent(body.why, body.confirmed, " ".join(body.override_reason.split()), body.trial_s)
+def _confirmation(body: SettingsBody | BackToBody) -> Confirmation:
+    return Confirmation(body.why, body.confirmed, " ".join(body.override_reason.split()), body.trial_s)
 
 
 def _settings_view(services: Services, device: LiveDevice) -> dict[str, Any]:

@@ -165,7 +165,7 @@ class RehearsalBody(_Body):
 SettingValues = Annotated[dict[str, StrictBool | StrictInt | StrictFloat | StrictStr], Field(max_length=200)]
 
 
-class _ConsentBody(_Body):
+class _ConfirmationBody(_Body):
     why: Annotated[str, Field(max_length=300)] = ""
     confirmed: bool = False
     """Somebody has confirmed a change of what people's safety hangs on."""
@@ -177,13 +177,13 @@ class _ConsentBody(_Body):
     """What the device ran when somebody decided; refused where another one runs by now."""
 
 
-class SettingsBody(_ConsentBody):
+class SettingsBody(_ConfirmationBody):
     """Settings to change, ``group.name`` → value, all of them or none."""
 
     changes: Annotated[SettingValues, Field(min_length=1)]
 
 
-class BackToBody(_ConsentBody):
+class BackToBody(_ConfirmationBody):
     """An earlier revision to run again."""
 
     revision: Annotated[int, Field(ge=1)]

@@ -21,7 +21,7 @@ TRIAL_S = 60.0
 
 
 @dataclass(frozen=True, slots=True)
-class Consent:
+class Confirmation:
     """What somebody said to a change."""
 
     why: str = ""
@@ -67,7 +67,7 @@ class Tuning:
         device_id: str,
         changes: Mapping[str, SettingValue],
         who: str,
-        consent: Consent | None = None,
+        confirmation: Confirmation | None = None,
         seen_revision: int | None = None,
     ) -> Command:
         """Have a device run its settings with these changes, all or none; the command's detail is the revision.
@@ -77,7 +77,7 @@ class Tuning:
         was not confirmed, NotFoundError or ConflictError where the device is unknown or away, has not told what it
         runs, runs something else by now, tries something out, or leads somebody.
         """
-        consent = consent or Consent()
+        confirmation = confirmation or Confirmation()
         device = self._hub.device(device_id)
         if seen_revision not in (None, device.settings_revision):
             raise ConflictError(
@@ -85,14 +85,14 @@ class Tuning:
                 " anew."
             )
         draft = _draft(device, changes)
-        if draft.safety and not consent.confirmed:
+        if draft.safety and not confirmation.confirmed:
             raise BadRequestError(f"People's safety hangs on {', '.join(draft.safety)}: confirm the change.")
         self._hub.require_connected(device_id)
-        self._refuse_untimely(device, draft, consent)
-        revert_after_s = consent.trial_s if draft.safety else 0.0
-        override = consent.override_reason if draft.safety and device.leads_somebody else ""
+        self._refuse_untimely(device, draft, confirmation)
+        revert_after_s = confirmation.trial_s if draft.safety else 0.0
+        override = confirmation.override_reason if draft.safety and device.leads_somebody else ""
         revision = self._settings.add(
-            device_id, who, consent.why, draft.before, draft.after, newer_than=device.settings_revision,
+            device_id, who, confirmation.why, draft.before, draft.after, newer_than=device.settings_revision,
             revert_after_s=revert_after_s, override_reason=override,
         )  # fmt: skip
         # What is not changed is not sent: whoever changed it in the meantime is not undone.
@@ -103,7 +103,7 @@ class Tuning:
         return self._hub.apply_settings(device_id, order, who)
 
     def back_to(
-        self, device_id: str, revision: int, who: str, consent: Consent, seen_revision: int | None = None
+        self, device_id: str, revision: int, who: str, confirmation: Confirmation, seen_revision: int | None = None
     ) -> Command:
         """Have a device run an earlier revision again, as a new one. Raises what :meth:`change` raises."""
         earlier = self._settings.revision(device_id, revision)
@@ -111,8 +111,8 @@ class Tuning:
         wanted = {key: value for key, value in earlier.values.items() if key in known}
         if not self.draft(device_id, wanted).changes:
             raise BadRequestError(f"The device runs the values of revision {revision} already.")
-        why = f"Back to revision {revision}. {consent.why}".strip()
-        said = Consent(why, consent.confirmed, consent.override_reason, consent.trial_s)
+        why = f"Back to revision {revision}. {confirmation.why}".strip()
+        said = Confirmation(why, confirmation.confirmed, confirmation.override_reason, confirmation.trial_s)
         return self.change(device_id, wanted, who, said, seen_revision)
 
     def keep(self, device_id: str, revision: int, who: str, *, keep: bool) -> Command:
@@ -137,12 +137,12 @@ class Tuning:
         """Return the settings that a device has told. Raises NotFoundError, or ConflictError where it has not."""
         return _told(self._hub.device(device_id))
 
-    def _refuse_untimely(self, device: LiveDevice, draft: Draft, consent: Consent) -> None:
+    def _refuse_untimely(self, device: LiveDevice, draft: Draft, confirmation: Confirmation) -> None:
         if device.settings_revert_at_s is not None:
             raise ConflictError(
                 f"{device.name} tries out revision {device.settings_revision}: keep it or give it up first."
             )
-        if draft.safety and device.leads_somebody and not consent.override_reason:
+        if draft.safety and device.leads_somebody and not confirmation.override_reason:
             raise ConflictError(
                 f"Somebody is being led, and people's safety hangs on {', '.join(draft.safety)}: wait until they stand"
                 " at their destination, or say why it must be changed now."

@@ -24,7 +24,7 @@ from console.live_panel import device_view
 from console.server import ConsoleServer
 from console.settings_store import SettingsStore
 from console.store import Store
-from console.tuning import Consent, Tuning
+from console.tuning import Confirmation, Tuning
 from device_agent.adapters.clocks import SystemClock
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal
@@ -350,7 +350,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Store]:
 
 def acts(glasses: Glasses, tuning: Tuning) -> dict[str, Callable[[], object]]:
     """Return all that may happen, by name; what is refused raises."""
-    sure, values = Consent(confirmed=True, override_reason="Because.", trial_s=10.0), iter(range(100))
+    sure, values = Confirmation(confirmed=True, override_reason="Because.", trial_s=10.0), iter(range(100))
     ben_saw = [0]
 
     def ben_looks() -> None:

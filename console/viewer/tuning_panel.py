@@ -16,7 +16,7 @@ from console.errors import ConflictError, ForbiddenError
 from console.hub import DeviceHub
 from console.live import Command, LiveDevice
 from console.roles import TUNING, SignedIn
-from console.tuning import Consent, Tuning
+from console.tuning import Confirmation, Tuning
 from console.viewer.widgets import at_once, on_change, on_press, set_value
 from console.viewer.wording import card
 from navcore.errors import VbrError
@@ -115,8 +115,8 @@ class TuningPanel:
         self._confirmation.visible = False
 
     def _send(self, changes: dict[str, SettingValue], *, confirmed: bool) -> None:
-        consent = Consent(confirmed=confirmed)
-        self._do(lambda device: self._tuning.change(device.device_id, changes, self._person.user_name, consent))
+        confirmation = Confirmation(confirmed=confirmed)
+        self._do(lambda device: self._tuning.change(device.device_id, changes, self._person.user_name, confirmation))
 
     def _end_trial(self, *, keep: bool) -> None:
         self._do(

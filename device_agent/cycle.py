@@ -84,6 +84,7 @@ def walker_state(
         frame_rate_hz=frame_rate_hz,
         mode=state.mode,
         destination_id=state.destination_id,
+        destination_by=state.aim_by[:120],
         load_level=state.load_level.value,
         stages=stages,
         trace=decision_view(guidance, cycle.scan, state.settings),

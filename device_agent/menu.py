@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Literal
 
 from device_agent import privacy_menu
+from device_agent.led_by import can_refuse, refused
 from device_agent.ports import Button, ButtonPress, PressKind
 from device_agent.privacy import answered, can_answer
 from device_agent.state import DeviceState, Effect, Happened, Menu, Notice, Step
@@ -70,12 +71,17 @@ ANSWERS: dict[tuple[Button, PressKind], bool] = {
 }
 """While somebody asks to see pictures: what allows it, and what refuses it; while they see them, the second ends it."""
 
+REFUSES = (Button.PREVIOUS, PressKind.LONG)
+"""What refuses to be led where somebody at the console wants, for a while; a question on pictures is answered first."""
+
 
 def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
     """Return the state after a button was pressed, and what is to be done."""
     if (allowed := _answer(state, press, now_s)) is not None:
         state, effects = answered(state, allowed, now_s)
         return replace(state, map_offered_until_s=-math.inf), effects
+    if (press.button, press.kind) == REFUSES and can_refuse(state, now_s):
+        return refused(replace(state, menu=None), now_s)
     if state.menu is not None and not _stays_open(state, state.menu, now_s):
         state = replace(state, menu=None)
     if press.button is Button.MAIN and state.menu is not None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from device_agent.led_by import led_by
 from device_agent.ports import ButtonPress
 from device_agent.privacy import taken
 from device_agent.settings_trial import apply_settings, keep_settings
@@ -85,7 +86,7 @@ def carry_out(
         case Lead():
             return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id)
         case SetDestination():
-            return happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id, by=By.CONSOLE)
+            return led_by(state, order, now_s)
         case ClearDestination() | Pause() | Resume() | Repeat() | BeginMapWalk() | EndMapWalk():
             return happen(state, _WISHES[type(order)], now_s, by=By.CONSOLE)
         case Say():

@@ -88,6 +88,19 @@ class BlockedPlace:
 
 
 @dataclass(frozen=True, slots=True)
+class Overridden:
+    """What the walker was on their way to before somebody at the console chose another place."""
+
+    poi_id: str
+    """Empty where nobody was led."""
+    by: str
+    """Who had chosen it; empty: the walker."""
+    was_paused: bool
+    until_s: float
+    """Until when one press brings it back."""
+
+
+@dataclass(frozen=True, slots=True)
 class SettingsTrial:
     """Settings are tried out: those before run again unless these are kept. On the disk are those before."""
 
@@ -118,6 +131,10 @@ class DeviceState:
     destination_id: str | None = None
     wanted_id: str | None = None
     """A destination that is to be planned as soon as the pose is known."""
+    aim_by: str = ""
+    """Who at the console chose where the walker is led; empty: nobody there, the walker did."""
+    overridden: Overridden | None = None
+    """What the walker can still bring back; None where nobody has changed it."""
     route: Route | None = None
     route_version: int = 0
     located: Localization | None = None
@@ -182,6 +199,11 @@ class DeviceState:
     def leading(self) -> bool:
         """Somebody is being led, even if they stand just now."""
         return self.purpose in LED
+
+    @property
+    def aim_id(self) -> str | None:
+        """Where somebody is being led, or will be as soon as there is a way; None where nobody is."""
+        return (self.wanted_id or self.destination_id) if self.leading else None
 
     @property
     def uses_its_map(self) -> bool:

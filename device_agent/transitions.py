@@ -34,11 +34,13 @@ class _Case:
     now_s: float
     poi_id: str
     refusal: str
+    who: str
 
 
 def happen(
-    state: DeviceState, event: StateEvent, now_s: float, *, poi_id: str = "", by: By = By.DEVICE, refusal: str = ""
-) -> Step:
+    state: DeviceState, event: StateEvent, now_s: float, *, poi_id: str = "", by: By = By.DEVICE, refusal: str = "",
+    who: str = "",
+) -> Step:  # fmt: skip
     """Return the state after an event, and what is to be done.
 
     Args:
@@ -48,18 +50,19 @@ def happen(
         poi_id: the destination, with ``DESTINATION``.
         by: who causes it; what the device does by itself is not told to the walker in words of its own.
         refusal: why there is no way, with ``NO_WAY``.
+        who: the person at the console, with ``DESTINATION``.
     """
     found = answer(state.mode, state.beneath, event)
     transition = found.transition
-    purpose = state.purpose
+    purpose, aim_id = state.purpose, state.aim_id
     state = replace(state, mode=found.mode, beneath=found.beneath)
     said: tuple[Effect, ...] = ()
     if transition.says and by is not By.DEVICE:
-        said = (Notice(_words(state, transition, poi_id, by), answers=True),)
+        said = (_said(state, transition, poi_id, by, who, aim_id),)
     if transition.refused:
         return state, (*said, *_refusal(state, event, now_s))
     was_mapping = purpose is Mode.MAPPING
-    state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal))
+    state, effects = _ACTIONS[transition.action](state, _Case(now_s, poi_id, refusal, who))
     if state.purpose is not purpose and event not in _TOLD_OTHERWISE and transition.action is not StateAction.SET_OUT:
         effects = (mode_event(state), *effects)
     if purpose is Mode.MAPPING and state.purpose is not purpose and event is not StateEvent.MAP_FAILED:
@@ -90,10 +93,16 @@ def mode_event(state: DeviceState) -> Happened:
     return Happened("mode", texts.get(state.purpose, "Nobody is being led."))
 
 
-def _words(state: DeviceState, transition: Transition, poi_id: str, by: By) -> str:
-    texts = TEXTS[state.settings.cues.language]
-    key = f"{transition.says}_console" if by is By.CONSOLE else transition.says
-    return texts.get(key, texts[transition.says]).format(name=state.place_name(poi_id))
+def _said(state: DeviceState, transition: Transition, poi_id: str, by: By, who: str, aim_id: str | None) -> Notice:
+    texts, key = TEXTS[state.settings.cues.language], transition.says
+    is_led_by = key == "destination" and by is By.CONSOLE and aim_id != poi_id
+    if is_led_by and aim_id is not None:
+        key = "destination_instead"
+    elif by is By.CONSOLE and (is_led_by or key != "destination"):
+        key = f"{key}_console" if f"{key}_console" in texts else key
+    names = {"name": state.place_name(poi_id), "before": state.place_name(aim_id), "who": who or texts["the_console"]}
+    # Who leads, and how to refuse, is said again where an instruction cuts it off.
+    return Notice(texts[key].format(**names), answers=not is_led_by)
 
 
 def _refusal(state: DeviceState, event: StateEvent, now_s: float) -> tuple[Effect, ...]:
@@ -128,7 +137,7 @@ def _say_ready(state: DeviceState, case: _Case) -> Step:
 def _set_out(state: DeviceState, case: _Case) -> Step:
     state = replace(
         state, wanted_id=case.poi_id, destination_id=case.poi_id, route=None, guidance=None, off_route_since_s=None,
-        promised_ready=False,
+        promised_ready=False, aim_by=case.who, overridden=None,
     )  # fmt: skip
     return state, (mode_event(state),)
 
@@ -137,7 +146,7 @@ def _change_way(state: DeviceState, case: _Case) -> Step:
     if state.route is None:
         return _set_out(state, case)
     # Whoever is on their way is led on until the new way is known to exist.
-    return replace(state, wanted_id=case.poi_id), ()
+    return replace(state, wanted_id=case.poi_id, aim_by=case.who, overridden=None), ()
 
 
 def _go_on(state: DeviceState, case: _Case) -> Step:
@@ -148,7 +157,7 @@ def _go_on(state: DeviceState, case: _Case) -> Step:
 def _end_way(state: DeviceState, case: _Case) -> Step:
     state = replace(
         state, destination_id=None, wanted_id=None, route=None, guidance=None, off_route_since_s=None,
-        promised_ready=False,
+        promised_ready=False, aim_by="", overridden=None,
     )  # fmt: skip
     if state.purpose is Mode.OFF_DUTY:
         state = _unseen(state)

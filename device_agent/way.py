@@ -59,7 +59,8 @@ def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> 
     refusal = refusal[:500]
     effects: tuple[Effect, ...] = (Notice(refusal), Happened("route_refused", refusal))
     if state.route is not None and state.destination_id != wanted_id:
-        state = replace(state, wanted_id=None)
+        before = state.overridden
+        state = replace(state, wanted_id=None, aim_by=before.by if before is not None else "", overridden=None)
         return state, (*effects, _with_refusal(route_message(state, now_s), refusal))
     state, ended = happen(state, StateEvent.NO_WAY, now_s, refusal=refusal)
     return state, (*effects, *ended)

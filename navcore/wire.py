@@ -109,6 +109,8 @@ class WalkerState(_Message, frozen=True, tag="state"):
     frame_rate_hz: float = 0.0
     mode: Mode = Mode.LOCALIZING
     destination_id: ShortText | None = None
+    destination_by: ShortText = ""
+    """Who at the console chose the destination; empty where nobody did but the walker."""
     load_level: Literal["full", "fewer_features", "half_rate"] = "full"
     """What is left out because the device is too slow."""
     stages: Annotated[tuple[StageSummary, ...], msgspec.Meta(max_length=16)] = ()

@@ -11,7 +11,9 @@ import numpy as np
 import pytest
 from device_hall import Rig
 
+from device_agent.led_by import REFUSE_WITHIN_S
 from device_agent.menu import MAIN_LONG, MAIN_SHORT, OPEN_FOR_S, OTHERS, places, pressed
+from device_agent.orders import carry_out
 from device_agent.ports import Button, ButtonPress, PressKind
 from device_agent.state import (
     DeviceState,
@@ -319,7 +321,7 @@ def test_the_last_order_wins_whoever_gives_it_and_both_hear_of_it(rig: Rig) -> N
     rig.cycles(2)
     rig.agent.submit(SetDestination("bar"))
     rig.cycles(6)
-    assert "The console leads you to Bar." in [cue.text for cue in rig.output.cues]
+    assert "The console leads you to Bar. Hold previous to refuse." in [cue.text for cue in rig.output.cues]
     rig.press(Button.NEXT)
     rig.press(Button.MAIN)
     rig.cycles(6)
@@ -357,8 +359,8 @@ def test_an_answer_that_an_instruction_cuts_off_is_not_said_again(rig: Rig) -> N
     rig.agent.submit(SetDestination("bar"))
     rig.cycles(40)
     said = [cue.text for cue in rig.output.cues if cue.text]
-    assert said.count("The console leads you to Bar.") == 1
-    assert said.index("The console leads you to Bar.") < said.index("Move forward.")
+    assert said.count("The console leads you to Bar. Hold previous to refuse.") == 1
+    assert said.index("The console leads you to Bar. Hold previous to refuse.") < said.index("Move forward.")
 
 
 def test_buttons_that_are_gone_are_told_once_and_nothing_else_happens(rig: Rig) -> None:
@@ -487,3 +489,34 @@ def test_places_are_counted_anew_in_each_map_walk() -> None:
         assert MarkPlace(f"Place {number}") in effects
     state, _ = press(state, Button.MAIN, PressKind.LONG)
     assert state.mode is Mode.LOCALIZING
+
+
+# ---------------------------------------------------------------------------------- somebody else chooses the way
+def ordered(state: DeviceState, poi_id: str, who: str = "Edi", now_s: float = 0.0) -> Step:
+    return carry_out(state, SetDestination(poi_id, who), now_s)
+
+
+def test_who_is_led_elsewhere_hears_by_whom_and_can_keep_their_own_way_by_one_press() -> None:
+    step = ordered(leading(), "bar")
+    assert heard(step) == ["Edi leads you to the bar. Hold previous to keep Wash room."]
+    assert step[0].aim_by == "Edi"
+    assert Happened("mode", "Instead of Wash room, which the walker had chosen: the bar.") in step[1]
+    kept, effects = press(step[0], Button.PREVIOUS, PressKind.LONG, 10.0)
+    assert heard((kept, effects)) == ["To Wash room."]
+    assert (kept.wanted_id, kept.aim_by, kept.mode) == ("wash", "", Mode.GUIDING)
+    assert Happened("button", "The walker refuses to be led to the bar.") in effects
+    late = press(step[0], Button.PREVIOUS, PressKind.LONG, REFUSE_WITHIN_S + 1.0)
+    assert late[0].wanted_id == "bar", "the button means again what it always does"
+    chinese = ordered(leading(language="zh"), "bar")
+    assert heard(chinese) == ["Edi带您前往the bar。按住上一个键仍去Wash room。"]
+
+
+def test_who_was_not_led_or_stood_in_a_pause_does_so_again_after_refusing() -> None:
+    step = ordered(standing(), "bar")
+    assert heard(step) == ["Edi leads you to the bar. Hold previous to refuse."]
+    assert press(step[0], Button.PREVIOUS, PressKind.LONG)[0].mode is Mode.READY
+    paused = replace(leading(), mode=Mode.PAUSED)
+    step = ordered(paused, "bar")
+    assert step[0].mode is Mode.GUIDING
+    back = press(step[0], Button.PREVIOUS, PressKind.LONG)[0]
+    assert (back.mode, back.wanted_id) == (Mode.PAUSED, "wash")

@@ -143,7 +143,8 @@ def test_nothing_on_privacy_cuts_off_an_instruction_and_it_is_heard_all_the_same
             until_s = cue.stamp_s + 0.3
     assert {
         "Anna is watching.",
-        "Anna asks to see pictures: which door is it. Hold next to allow it for one minute.",
+        "Anna asks to see pictures: which door is it. Hold next to allow it for one minute,"
+        " or previous to refuse. Silence is no.",
     } == (set(said(rig)))
 
 

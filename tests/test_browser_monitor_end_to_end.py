@@ -410,7 +410,9 @@ def test_the_walk_has_come_by_itself_and_is_scrubbed_and_played(stage: Stage) ->
     shot(vera, "walks")
     row.get_by_role("link").click()
     assert walk_id in vera.url
-    action, state, sentence = (vera.locator(place) for place in ("#past-now-action", "#past-now-state", ".trace-sentence"))
+    action, state, sentence = (
+        vera.locator(place) for place in ("#past-now-action", "#past-now-state", ".trace-sentence")
+    )
     expect(state).to_have_text("Guiding")
     walker = vera.locator(".plan-walker")
     place, decision = walker.get_attribute("transform"), sentence.inner_text()

@@ -121,7 +121,9 @@ def test_a_page_that_cannot_start_says_so_and_offers_to_try_again(page: Page) ->
     page.set_default_timeout(60_000)
     page.route("**/api/settings", lambda route: route.fulfill(status=500, json={"error": "The disk is full."}))
     page.goto("/settings")
-    expect(page.locator("main").get_by_role("alert")).to_contain_text("This page could not be started. The disk is full.")
+    expect(page.locator("main").get_by_role("alert")).to_contain_text(
+        "This page could not be started. The disk is full."
+    )
     page.unroute("**/api/settings")
     page.get_by_role("button", name="Load it again").click()
     expect(page.get_by_label("Sub goal distance, as a number")).to_be_visible()
@@ -191,6 +193,17 @@ def test_a_setting_is_sent_runs_and_asks_first_where_safety_hangs_on_it(page: Pa
     expect(page.locator("#revisions tr")).to_have_count(1)
     assert server.services.hub.device("glasses").settings == DEFAULTS | {"follower.sub_goal_distance_m": 2.5}
     device.vanish()
+
+
+def test_a_device_is_cut_off_only_by_who_means_it(page: Page, server: ConsoleServer) -> None:
+    token = server.services.devices.create_token("Glasses of Ada", "test")
+    page.goto("/admin")
+    for answer, name in (("Leave it as it is", "Glasses of Ada"), ("Revoke", None)):
+        page.get_by_role("button", name="Revoke the token of Glasses of Ada").click()
+        dialog = page.get_by_role("dialog", name="Revoke the token of Glasses of Ada?")
+        dialog.get_by_role("button", name=answer).click()
+        expect(dialog).to_have_count(0)
+        until(page, lambda name=name: server.services.devices.name_of(token) == name, f"the answer {answer}")  # type: ignore[misc]
 
 
 def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server: ConsoleServer) -> None:

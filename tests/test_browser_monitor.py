@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -127,7 +128,7 @@ def page(browser: Browser, server: ConsoleServer, clock: Skewed, stream: Stream)
     failures: list[str] = []
     opened.on("pageerror", lambda error: failures.append(str(error)))
     opened.clock.install()
-    opened.route_web_socket("**/live?*", stream.route)
+    opened.route_web_socket(re.compile(r"/live(/overview)?\?"), stream.route)
     assert server.ready.first_link is not None
     become_admin(opened, server.ready.first_link)
     yield opened
@@ -242,7 +243,9 @@ def _a_phone_will_do(page: Page) -> None:
             assert box["y"] + box["height"] <= height, f"{name} is out of a thumb's reach"
 
 
-def test_the_overview_shows_who_needs_somebody_and_leads_to_them(page: Page, server: ConsoleServer) -> None:
+def test_the_overview_shows_who_needs_somebody_and_leads_to_them(
+    page: Page, server: ConsoleServer, stream: Stream
+) -> None:
     device = WalkingDevice(server)
     device.link.send(
         WalkerState(
@@ -250,7 +253,11 @@ def test_the_overview_shows_who_needs_somebody_and_leads_to_them(page: Page, ser
             mode=Mode.GUIDING, destination_id="b",
         )
     )  # fmt: skip
+    page.evaluate("localStorage.setItem('alert-sound', 'on')")
     page.goto("/overview")
+    page.get_by_role("button", name="Let alerts sound").click()
+    expect(page.locator("#sound-line")).to_be_hidden()
+    expect(page.locator("#alert-sound")).to_have_text("Sound on")
     card = page.locator(".walker")
     expect(card).to_contain_text("Glasses of Ada")
     expect(card).to_contain_text("between Hall and Bar")
@@ -270,6 +277,12 @@ def test_the_overview_shows_who_needs_somebody_and_leads_to_them(page: Page, ser
     assert clocks["woken"] == [pytest.approx(60.0), None], "after a sleep the console's time is not known"
     assert clocks["jumped"] == pytest.approx(1300.0)
     assert in_both_themes(page, "the overview with a walker") == []
+    expect(page.locator("#counts")).to_have_text("1 walker, 1 guided, 1 to look after")
+    stream.is_frozen = True
+    page.clock.fast_forward(10_000)
+    expect(page.locator("#counts")).to_contain_text("all to look after")
+    expect(card).to_contain_text("Was told to stand")
+    stream.is_frozen = False
     card.get_by_role("link").click()
     expect(page.locator("#device-name")).to_have_text("Glasses of Ada")
     assert page.url.endswith("/?device=glasses")

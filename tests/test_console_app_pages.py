@@ -171,6 +171,17 @@ def test_every_state_of_a_device_has_a_clear_label(page: Page, server: ConsoleSe
     device.vanish()
 
 
+def test_a_device_is_cut_off_only_by_who_means_it(page: Page, server: ConsoleServer) -> None:
+    token = server.services.devices.create_token("Glasses of Ada", "test")
+    page.goto("/admin")
+    for answer, name in (("Leave it as it is", "Glasses of Ada"), ("Revoke", None)):
+        page.get_by_role("button", name="Revoke the token of Glasses of Ada").click()
+        dialog = page.get_by_role("dialog", name="Revoke the token of Glasses of Ada?")
+        dialog.get_by_role("button", name=answer).click()
+        expect(dialog).to_have_count(0)
+        until(page, lambda name=name: server.services.devices.name_of(token) == name, f"the answer {answer}")  # type: ignore[misc]
+
+
 def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server: ConsoleServer) -> None:
     viewer = invited(first_admin(server), "Vera", "viewer")
     context = browser.new_context(base_url=server.ready.url)

@@ -334,9 +334,10 @@ def test_that_somebody_is_led_is_written_as_soon_as_it_can_be(room: Room) -> Non
     room.walk(2.0)
     rename("gone", "devices_leading")
     room.walk(1.0)
-    room.restart()
+    room.restart(60.0)
     room.wait(6.0)
     assert room.standing() == [("link_lost", Phase.UNACKNOWLEDGED)]
+    assert "Nothing new from Glasses for 6" in room.alerts.active()[0].record.sentence, "more than a minute"
 
 
 AT_REST = {"mode": Mode.LOCALIZING, "destination_id": None, "action": "stop", "reason": "no_route"}

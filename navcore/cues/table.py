@@ -103,7 +103,7 @@ _ANSWERS = (
     *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
     "on_duty", "off_duty", "map_offered", "map_begun", "map_begun_console", "map_place",
     "map_marked", "map_ended", "map_ended_console",
-    "destination", "destination_console", "destination_instead", "the_console",
+    "destination", "destination_console", "the_console",
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
@@ -128,7 +128,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
     ),
     CueKind.ARRIVED: CueEntry(
         CuePriority.STOP, "Stand still: this is the destination.", _SPOKEN, "ring with a tick mark", "no",
-        ("arrived", "arrived_here"),
+        ("arrived", "arrived_here", "arrived_unsure", "arrived_here_unsure"),
     ),
     CueKind.OBSTACLE_BEEP: CueEntry(
         CuePriority.OBSTACLE, "Something stands ahead, the nearer the quicker and higher.",
@@ -179,7 +179,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew", "camera_moved", "camera_agrees", "look_ahead",
          "looks_left", "looks_right", "looks_ahead", "storage_trouble",
-         "settings_changing", "settings_back"),
+         "settings_changing", "settings_back", "destination_instead"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",

@@ -7,7 +7,7 @@ import { attempt, toast } from "./toast.js";
 const REFRESH_MS = 10_000;
 const WHAT = {
   watch: "Watched", past_walk: "Looked at a past walk", incident: "Looked at an incident", colour: "Asked for pictures in colour",
-  export: "Exported recordings",
+  export: "Downloaded an incident",
 };
 const me = await start();
 const isAdmin = me.role === "admin";

@@ -224,7 +224,7 @@ def window(browser: Browser, person: Person, name: str) -> Page:
 
 
 BROKEN: list[str] = []
-"""What has broken on a page of anybody; not what viser's client tries and the policy of the scene's frame forbids it."""
+"""What has broken on a page of anybody; not what viser's client tries and the scene's policy forbids."""
 
 
 @pytest.fixture(autouse=True)

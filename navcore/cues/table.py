@@ -113,7 +113,8 @@ _ANSWERS = (
     "colour_allowed", "colour_refused", "privacy_list", "privacy_nobody", "privacy_unknown", "privacy_accesses",
     *(f"privacy_{what}_{state}" for what in ("silhouettes", "walks") for state in ("on", "off")),
     "access_none", "access_since", "access_watch", "access_watch_times", "access_past_walk", "access_past_walk_of",
-    "access_incident", "access_incident_of", "access_colour", "access_export", "access_more", "access_when",
+    "access_incident", "access_incident_of", "access_colour", "access_export", "access_export_of",
+    "access_past_walk_many", "access_incident_many", "access_export_many", "access_more", "access_when",
     "day_today", "day_yesterday",
     "at_ahead", "at_behind", "at_clock", *(f"at_{size}_{side}" for size in ("degrees", "half", "full", "sharp")
                                            for side in _SIDES),

@@ -21,7 +21,8 @@ OFF_ROAD_SETTING = "follower.off_road_distance_m"
 _STATE_FIELDS = (
     "quality", "action", "rule", "pose", "position_std_m", "inlier_count", "direction_rad", "deviation_m",
     "remaining_m", "nearest_ahead_m", "sonar_state", "sonar_m", "speed_m_s", "last_cue", "cycle_ms", "frame_rate_hz",
-    "mode", "destination_id", "destination_by", "load_level", "eye_m", "tilt_rad", "battery_percent", "is_charging", "temperature_c",
+    "mode", "destination_id", "destination_by", "load_level", "eye_m", "tilt_rad", "battery_percent",
+    "is_charging", "temperature_c",
 )  # fmt: skip
 _OF_THE_DEVICE = ("apply_settings", "keep_settings", "give_up_settings", "begin_map_walk", "end_map_walk")
 """Orders that tell nothing of where its walker goes, or of what they are told."""
@@ -109,6 +110,7 @@ def _sharing_view(device: LiveDevice, now_s: float) -> dict[str, Any] | None:
         "walks": sharing.walks,
         "colour_for": sharing.colour_for if left_s > 0.0 else "",
         "colour_left_s": left_s,
+        "colour_ended": sharing.colour_ended,
         "colour_stamp_s": stamp_s if left_s > 0.0 else None,
         "colour_age_s": device.age_of(stamp_s, now_s) if stamp_s is not None and left_s > 0.0 else None,
     }

@@ -365,7 +365,9 @@ def _after(state: DeviceState, now_s: float) -> tuple[DeviceState, tuple[Effect,
     if not state.on_the_way or state.guidance is None or state.guidance.reason is not Reason.ARRIVED:
         return state, ()
     state, effects = happen(state, StateEvent.ARRIVED, now_s)
-    return state, (Happened("arrived", mode_event(state).text), *effects)
+    is_sure = state.guidance is not None and state.guidance.trace.uncertain_since_s is None
+    unsure = "" if is_sure else " The position is uncertain."
+    return state, (Happened("arrived", mode_event(state).text + unsure), *effects)
 
 
 def _resting(state: DeviceState, ports: Ports, frame: Frame, times: StageTimer) -> Outcome:

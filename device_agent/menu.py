@@ -77,11 +77,8 @@ REFUSES = (Button.PREVIOUS, PressKind.LONG)
 
 def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
     """Return the state after a button was pressed, and what is to be done."""
-    if (allowed := _answer(state, press, now_s)) is not None:
-        state, effects = answered(state, allowed, now_s)
-        return replace(state, map_offered_until_s=-math.inf), effects
-    if (press.button, press.kind) == REFUSES and can_refuse(state, now_s):
-        return refused(replace(state, menu=None), now_s)
+    if (answer := _to_somebody(state, press, now_s)) is not None:
+        return answer
     if state.menu is not None and not _stays_open(state, state.menu, now_s):
         state = replace(state, menu=None)
     if press.button is Button.MAIN and state.menu is not None:
@@ -115,6 +112,16 @@ def meaning_of(purpose: Mode, button: Button, kind: PressKind) -> Meaning:
     if button is Button.MAIN:
         return (MAIN_SHORT if kind is PressKind.SHORT else MAIN_LONG)[purpose]
     return OTHERS[button, kind]
+
+
+def _to_somebody(state: DeviceState, press: ButtonPress, now_s: float) -> Step | None:
+    """Return the step of a press that answers somebody at the console; None where it answers nobody."""
+    if (allowed := _answer(state, press, now_s)) is not None:
+        state, effects = answered(state, allowed, now_s)
+        return replace(state, map_offered_until_s=-math.inf), effects
+    if (press.button, press.kind) == REFUSES and can_refuse(state, now_s):
+        return refused(replace(state, menu=None), now_s)
+    return None
 
 
 def _answer(state: DeviceState, press: ButtonPress, now_s: float) -> bool | None:

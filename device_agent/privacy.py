@@ -46,6 +46,7 @@ def sharing_of(privacy: Privacy) -> SharingRunning:
     return SharingRunning(
         consent.silhouettes, consent.walks, privacy.told, "" if colour is None else colour.who,
         None if colour is None else colour.until_s, privacy.answered_id, privacy.refusal,
+        privacy.why_ended,
     )  # fmt: skip
 
 
@@ -81,7 +82,9 @@ def answered(state: DeviceState, allowed: bool, now_s: float) -> Step:
         state, effects = _refused(state, "The walker does not want it.", says="")
         return state, (Notice(TEXTS[language]["colour_refused"], answers=True), *effects)
     colour = ColourShown(question.who, now_s + COLOUR_FOR_S, now_s + SIGN_EVERY_S)
-    state = _with(state, replace(_without_question(state.privacy, question.request_id, ""), colour=colour))
+    state = _with(
+        state, replace(_without_question(state.privacy, question.request_id, ""), colour=colour, why_ended="")
+    )
     return state, (
         # The answer cuts the question off, which then waits to be said again.
         Notice(TEXTS[language]["colour_allowed"].format(name=question.who), answers=True),
@@ -237,7 +240,7 @@ def _refused(state: DeviceState, why: str, *, says: str) -> Step:
 def _ended(state: DeviceState, why: str) -> Step:
     colour = state.privacy.colour
     assert colour is not None, "there is something to end"
-    state = _with(state, replace(state.privacy, colour=None, ended="colour_ended"))
+    state = _with(state, replace(state.privacy, colour=None, ended="colour_ended", why_ended=why))
     return state, (Happened("privacy", f"{colour.who} sees no pictures any more. {why}"), sharing_of(state.privacy))
 
 

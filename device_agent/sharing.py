@@ -95,6 +95,8 @@ class Privacy:
     """Key of the text that is still to be heard of pictures that are not shown, or no longer."""
     answered_id: int = 0
     refusal: str = ""
+    why_ended: str = ""
+    """Why nobody sees pictures any more."""
     accesses: Accesses | None = None
     """Who has watched, and who has looked at what is kept."""
     wall_offset_s: float = 0.0

@@ -101,8 +101,8 @@ def _said(state: DeviceState, transition: Transition, poi_id: str, by: By, who: 
     elif by is By.CONSOLE and (is_led_by or key != "destination"):
         key = f"{key}_console" if f"{key}_console" in texts else key
     names = {"name": state.place_name(poi_id), "before": state.place_name(aim_id), "who": who or texts["the_console"]}
-    # Who leads, and how to refuse, is said again where an instruction cuts it off.
-    return Notice(texts[key].format(**names), answers=not is_led_by)
+    # Whoever is led elsewhere than they chose hears it to its end, also where an instruction cuts it off.
+    return Notice(texts[key].format(**names), answers=key != "destination_instead")
 
 
 def _refusal(state: DeviceState, event: StateEvent, now_s: float) -> tuple[Effect, ...]:

@@ -163,6 +163,8 @@ class SharingRunning(_Message, frozen=True, tag="sharing_running"):
     """The request for colour that was answered last."""
     refusal: Text = ""
     """Why that request is not granted; empty where it is, or was."""
+    colour_ended: Text = ""
+    """Why nobody sees colour pictures any more; empty while somebody does, and before anybody has."""
 
 
 class RouteChanged(_Message, frozen=True, tag="route"):

@@ -22,7 +22,7 @@ export class Actions {
     this.drawCommands = onChange((lines) => $("commands").replaceChildren(...lines.map(({ state, words }) => el("li", { "data-state": state }, commandBadge(state), el("span", { title: words }, words)))));
     this.showDestinations = onChange((destinations) => drawDestinations(destinations));
     for (const what of ["pause", "resume", "repeat"]) $(what).addEventListener("click", () => this.ask(what));
-    $("guide").addEventListener("click", () => this.ask("destination", { poi_id: $("destination").value }));
+    $("guide").addEventListener("click", () => this.guideTo($("destination").value));
     $("destination").addEventListener("change", nameGuideButton);
     $("clear").addEventListener("click", () => this.stopGuiding());
     $("say-form").addEventListener("submit", async (event) => {
@@ -43,6 +43,18 @@ export class Actions {
     const went = await attempt(() => post(`/api/devices/${encodeURIComponent(id)}/${what}`, body));
     if (!went) this.asked.delete(key);
     return went;
+  }
+
+  /** Whoever is on their way somewhere is not led elsewhere by one click: less so where they chose it themselves. */
+  async guideTo(poi_id) {
+    const { id, name, state } = this.device;
+    const from = LED.includes(state?.mode) ? state.destination_id : null;
+    const whose = state?.destination_by ? `${state.destination_by} has chosen that.` : `${name} has chosen that themselves.`;
+    const wanted = !from || from === poi_id || (await sure({
+      title: `Lead ${name} elsewhere?`, yes: `Guide to ${this.placeName(poi_id)}`, no: `Keep ${this.placeName(from)}`,
+      text: `${name} is on the way to ${this.placeName(from)}. ${whose} The walker hears who leads them, and can refuse.`,
+    }));
+    if (wanted && this.device?.id === id) await this.ask("destination", { poi_id });
   }
 
   async stopGuiding() {

@@ -3,6 +3,8 @@
 import { ago, el, onChange, setText } from "./dom.js";
 
 const PICTURE_EVERY_MS = 1000;
+const ANSWER_WITHIN_S = 30;
+const ANSWER_SHOWN_S = 120;
 
 export class WatchersPanel {
   /** Build it in an empty element. `me` is who is signed in; `ask(why)` asks the walker, and tells whether that went. */
@@ -13,12 +15,13 @@ export class WatchersPanel {
     this.words = el("p", { class: "small", role: "status" });
     this.shared = el("p", { class: "small quiet" });
     this.why = el("input", { class: "grow", id: `${id}-why`, maxlength: 100, autocomplete: "off", placeholder: "To see which door it is" });
+    this.answer = el("p", { class: "small", role: "status", hidden: true });
     this.button = el("button", { type: "submit" }, "Ask");
     this.form = el("form", { class: "field", onsubmit: async (event) => {
       event.preventDefault();
       if (await ask(this.why.value.trim())) this.why.value = "";
     } }, el("label", { for: `${id}-why` }, "Ask the walker for pictures in colour"), el("div", { class: "row" }, this.why, this.button),
-    el("p", { class: "hint" }, "They hear who asks and why, and allow it for one minute, or not. Nothing of it is kept."));
+    el("p", { class: "hint" }, "They hear who asks and why, and allow it for one minute, or not. Nothing of it is kept."), this.answer);
     this.image = el("img", { alt: "What the walker's camera sees, in colour" });
     this.caption = el("figcaption", {});
     this.figure = el("figure", { class: "colour", hidden: true }, this.image, this.caption);
@@ -34,6 +37,9 @@ export class WatchersPanel {
     setText(this.words, watchersSentence(view.watchers, this.me, fresh));
     setText(this.shared, sharedSentence(view.sharing));
     this.showPicture(view, elapsed_s, linked);
+    const answer = answerSentence(view, this.me, elapsed_s);
+    this.answer.hidden = !answer;
+    setText(this.answer, answer);
     this.button.disabled = !linked || Boolean(view.sharing.colour_for);
   }
 
@@ -68,6 +74,22 @@ export function watchersSentence(watchers, me, fresh) {
   const who = you ? `You are watching${others.length ? `; ${names} too` : ""}.` : `${names} ${others.length > 1 ? "are" : "is"} watching.`;
   if (fresh === "stale" || fresh === "lost") return `${who} Whether the walker still knows is not known.`;
   return `${who} ${watchers.every(({ told }) => told) ? "The walker has been told." : "The walker has not heard it yet."}`;
+}
+
+/** What the walker has answered to who asked last, as far as it is known; empty where it was long ago. */
+export function answerSentence({ commands, sharing }, me, elapsed_s) {
+  const asked = (commands ?? []).filter(({ kind, who }) => kind === "ask_colour" && who === me).at(-1);
+  const age_s = asked ? asked.age_s + elapsed_s : Infinity;
+  if (age_s > ANSWER_SHOWN_S) return "";
+  if (asked.state === "sent") {
+    const left_s = Math.ceil(ANSWER_WITHIN_S - age_s);
+    return left_s > 0 ? `Asked. The walker has ${left_s} s to answer; no answer is no.` : "Asked. No answer so far.";
+  }
+  if (asked.state === "unanswered") return "Not answered: the link has broken, or somebody has asked anew.";
+  if (asked.state === "refused") return `No pictures: ${asked.refusal}`;
+  const left_s = Math.ceil(sharing.colour_left_s - elapsed_s);
+  if (sharing.colour_for === me && left_s > 0) return `The walker allows it for ${left_s} s more.`;
+  return `Pictures are no longer shown. ${sharing.colour_ended}`;
 }
 
 function sharedSentence({ silhouettes, colour_for: who }) {

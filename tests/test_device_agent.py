@@ -482,3 +482,20 @@ def test_an_order_that_has_waited_too_long_in_the_device_itself_is_not_carried_o
     rig.agent.submit(Pause(order_id=10), 2.0)
     rig.cycles(2)
     assert rig.agent.state.purpose is Mode.PAUSED
+
+
+def test_arriving_while_the_position_is_uncertain_is_told_with_that_reservation() -> None:
+    for quality, expected in (
+        (LocalizationQuality.LOCALIZED, "You have arrived: Bar."),
+        (LocalizationQuality.UNCERTAIN, "You are probably at Bar. The position is uncertain."),
+    ):
+        rig = Rig()
+        rig.pose = pose_at(18.0)
+        rig.lead_to()
+        rig.quality = quality
+        rig.pose = pose_at(19.8)
+        rig.cycles(6)
+        assert rig.agent.state.mode is Mode.ARRIVED
+        assert [cue.text for cue in rig.output.cues if cue.kind is CueKind.ARRIVED] == [expected]
+        (event,) = rig.events("arrived")
+        assert ("uncertain" in event) is (quality is LocalizationQuality.UNCERTAIN)

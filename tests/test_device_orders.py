@@ -139,7 +139,7 @@ def test_pause_and_resume_only_where_they_make_sense(ready: DeviceState, guiding
 def test_whoever_is_on_their_way_is_led_on_until_the_new_way_exists(guiding: DeviceState) -> None:
     state, effects = carry_out(guiding, SetDestination("elsewhere"), 0.0)
     assert (state.route, state.destination_id, state.wanted_id) == (guiding.route, "b", "elsewhere")
-    assert effects[0] == Notice("The console leads you to elsewhere. Hold previous to keep B.")
+    assert effects[0] == Notice("The console leads you to elsewhere. Hold previous to keep Bar.")
 
 
 def test_a_message_is_spoken(ready: DeviceState) -> None:

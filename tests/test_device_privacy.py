@@ -501,6 +501,11 @@ def test_the_log_is_read_in_chinese_bounded_and_says_when_it_is_empty() -> None:
         accesses_text(LOG, NOON_S, 3600.0, "zh")
         == "自昨天以来:Ben看过星期一的行走。Anna观看过2次,最后一次在今天的12:10。"
     )
+    walks = [Access("Ada", "past_walk", NOON_S, NOON_S, NOON_S - number * DAY_S) for number in (1, 2, 3)]
+    words = accesses_text([*walks, Access("Ben", "export", NOON_S, NOON_S, NOON_S - DAY_S)], NOON_S, 0.0, "en")
+    assert words == (
+        "Since today: Ada looked at 3 walks, the last time today at 12:00. Ben downloaded the incident of yesterday."
+    )
     many = [Access(f"P{number}", "colour", NOON_S + number, NOON_S + number) for number in range(9)]
     words = accesses_text(many, NOON_S + 100.0, 0.0, "en")
     assert words.endswith("And 3 more.")

@@ -23,6 +23,9 @@ _MONTHS = (
     "December",
 )  # fmt: skip
 
+_OF_SOMETHING = frozenset({"past_walk", "incident", "export"})
+"""What is looked at is one of several: each has its day, and several are counted."""
+
 
 def names_text(names: Sequence[str], language: Language) -> str:
     """Return at least one name as people list them: "Anna", "Anna and Ben", "Anna, Ben, Cem and 2 others"."""
@@ -51,9 +54,9 @@ def accesses_text(entries: Iterable[Access], now_s: float, utc_offset_s: float, 
         language: that of the words.
     """
     texts = TEXTS[language]
-    groups: dict[tuple[str, str, float | None], list[Access]] = {}
+    groups: dict[tuple[str, str], list[Access]] = {}
     for entry in entries:
-        groups.setdefault((entry.who, entry.what, entry.about_s), []).append(entry)
+        groups.setdefault((entry.who, entry.what), []).append(entry)
     latest = sorted(groups.values(), key=lambda group: max(entry.ended_s for entry in group))
     told, left_out = latest[-MAX_LINES_COUNT:], len(latest[:-MAX_LINES_COUNT])
     if not told:
@@ -70,7 +73,9 @@ def _line(group: list[Access], today: date, utc_offset_s: float, language: Langu
     texts, last = TEXTS[language], max(group, key=lambda entry: entry.ended_s)
     ended = _wall(last.ended_s, utc_offset_s)
     when = texts["access_when"].format(day=_day_text(ended.date(), today, language), clock=f"{ended.hour}:{ended:%M}")
-    if last.about_s is not None and last.what in ("past_walk", "incident"):
+    if last.what in _OF_SOMETHING and (count := len({entry.about_s for entry in group})) > 1:
+        return texts[f"access_{last.what}_many"].format(name=last.who, count=count, when=when)
+    if last.about_s is not None and last.what in _OF_SOMETHING:
         day = _day_text(_wall(last.about_s, utc_offset_s).date(), today, language)
         return texts[f"access_{last.what}_of"].format(name=last.who, day=day)
     if last.what == "watch" and len(group) > 1:

@@ -139,7 +139,8 @@ def _stop(guidance: Guidance, memory: CueMemory, route: Route | None, settings: 
         if now_s - since_s < _STANDING_HOLD_S:
             return [], replace(memory, changed_since_s=since_s)
     if guidance.reason is Reason.ARRIVED:
-        cue = Cue(now_s, CueKind.ARRIVED, PRIORITY[CueKind.ARRIVED], _arrived_text(route, settings.language))
+        text = _arrived_text(route, guidance.trace.uncertain_since_s is None, settings.language)
+        cue = Cue(now_s, CueKind.ARRIVED, PRIORITY[CueKind.ARRIVED], text)
     else:
         cue = stop_cue(now_s, guidance.reason, settings.language)
     return [cue], _told(memory, guidance, now_s)
@@ -272,7 +273,7 @@ def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -
 def _cut_off(
     memory: CueMemory, before: CueMemory, played: tuple[Cue, ...], heard: CueBus, now_s: float
 ) -> tuple[CueMemory, CueBus]:
-    """Announcements and what is told beside guidance do not wait, nor does an answer that was begun.
+    """Announcements and what concerns privacy do not wait, nor does an answer that was begun: one can ask anew.
 
     An announcement of what the map knows that other words have cut off is made anew, with a true distance.
     """
@@ -325,6 +326,7 @@ def _is_repeated(reason: Reason) -> bool:
     return reason not in (Reason.ARRIVED, Reason.NO_ROUTE, Reason.PAUSED)
 
 
-def _arrived_text(route: Route | None, language: Language) -> str:
+def _arrived_text(route: Route | None, is_sure: bool, language: Language) -> str:
     name = spoken_name(route.stops[-1]) if route is not None and route.stops else ""
-    return TEXTS[language]["arrived"].format(name=name) if name else TEXTS[language]["arrived_here"]
+    key = f"arrived{'' if name else '_here'}{'' if is_sure else '_unsure'}"
+    return TEXTS[language][key].format(name=name)

@@ -103,7 +103,7 @@ _ANSWERS = (
     *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
     "on_duty", "off_duty", "map_offered", "map_begun", "map_begun_console", "map_place",
     "map_marked", "map_ended", "map_ended_console",
-    "destination", "destination_console", "destination_instead", "the_console",
+    "destination", "destination_console", "the_console",
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
@@ -113,7 +113,8 @@ _ANSWERS = (
     "colour_allowed", "colour_refused", "privacy_list", "privacy_nobody", "privacy_unknown", "privacy_accesses",
     *(f"privacy_{what}_{state}" for what in ("silhouettes", "walks") for state in ("on", "off")),
     "access_none", "access_since", "access_watch", "access_watch_times", "access_past_walk", "access_past_walk_of",
-    "access_incident", "access_incident_of", "access_colour", "access_export", "access_more", "access_when",
+    "access_incident", "access_incident_of", "access_colour", "access_export", "access_export_of",
+    "access_past_walk_many", "access_incident_many", "access_export_many", "access_more", "access_when",
     "day_today", "day_yesterday",
     "at_ahead", "at_behind", "at_clock", *(f"at_{size}_{side}" for size in ("degrees", "half", "full", "sharp")
                                            for side in _SIDES),
@@ -128,7 +129,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
     ),
     CueKind.ARRIVED: CueEntry(
         CuePriority.STOP, "Stand still: this is the destination.", _SPOKEN, "ring with a tick mark", "no",
-        ("arrived", "arrived_here"),
+        ("arrived", "arrived_here", "arrived_unsure", "arrived_here_unsure"),
     ),
     CueKind.OBSTACLE_BEEP: CueEntry(
         CuePriority.OBSTACLE, "Something stands ahead, the nearer the quicker and higher.",
@@ -179,7 +180,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew", "camera_moved", "camera_agrees", "look_ahead",
          "looks_left", "looks_right", "looks_ahead", "storage_trouble",
-         "settings_changing", "settings_back"),
+         "settings_changing", "settings_back", "destination_instead"),
     ),
     CueKind.MAP_ADVICE: CueEntry(
         CuePriority.OBSTACLE, "For the sighted person who records a map: what to do differently. Never for the walker.",

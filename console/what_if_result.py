@@ -180,7 +180,7 @@ def _side(decisions: list[Decision], lengths_s: list[float]) -> Side:
 
 
 def _is_on_the_way(decision: Decision) -> bool:
-    """Say whether somebody is still on the way: to stand at the destination is no stop, here as on the page of a walk."""
+    """Say whether somebody is still on the way: to stand at the destination is no stop, as on the page of a walk."""
     return decision.reason not in (Reason.ARRIVED.value, Reason.NO_ROUTE.value)
 
 

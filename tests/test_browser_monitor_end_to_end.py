@@ -14,7 +14,7 @@ import sqlite3
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -224,7 +224,7 @@ def window(browser: Browser, person: Person, name: str) -> Page:
 
 
 BROKEN: list[str] = []
-"""What has broken on a page of anybody; not what viser's client tries and the policy of the scene's frame forbids it."""
+"""What has broken on anybody's page; not what viser's client tries and the policy of the scene's frame forbids it."""
 
 
 @pytest.fixture(autouse=True)

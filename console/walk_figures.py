@@ -85,7 +85,7 @@ class WalkFound(msgspec.Struct, frozen=True):
     version: int
 
 
-FOUND_VERSION = 2
+FOUND_VERSION = 3
 """Of what is found and how; what another version has found is found anew."""
 
 

@@ -142,7 +142,7 @@ def test_the_console_from_live_to_lost_and_back_and_what_is_asked_of_the_walker(
     device = WalkingDevice(server)
     be_live(page, device)
     _orders_go_once_are_confirmed_and_answered(page, server)
-    _ages_are_those_of_the_capture(page, device, clock)
+    _ages_are_those_of_the_capture(page, server, device, clock)
     _a_silent_console_makes_nothing_look_live(page, device, stream)
     _a_phone_will_do(page)
     assert in_both_themes(page, "the Console with a walker") == []
@@ -175,8 +175,9 @@ def _orders_go_once_are_confirmed_and_answered(page: Page, server: ConsoleServer
     expect(commands.locator("li", has_text="Stop guiding after")).to_contain_text("accepted")
 
 
-def _ages_are_those_of_the_capture(page: Page, device: WalkingDevice, clock: Skewed) -> None:
+def _ages_are_those_of_the_capture(page: Page, server: ConsoleServer, device: WalkingDevice, clock: Skewed) -> None:
     be_live(page, device)
+    server.services.alerts.check()  # it has seen that somebody is led, before the clock leaps
     pieces = lambda: (page.locator("[data-plot=inliers] .plot-line").get_attribute("d") or "").count("M")  # noqa: E731
     seen_count = until(page, pieces, "a plot")
     freshness, dated, note = (page.locator(f"#{name}") for name in ("freshness", "dated", "act-note"))

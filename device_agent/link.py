@@ -411,18 +411,14 @@ class ConsoleLink:
                 return self._maps.take(message)
             case Welcome():
                 raise WireError("The console said welcome twice: use the same version on both sides.")
+            case Order(expires_s=float(expires_s)) if expires_s < self._clock.now_s():
+                # A device that stood still finds old orders in its socket.
+                self._happened(expired_text(message))
             case Order(expires_s=float(expires_s)):
-                self._take_order(message, expires_s - self._clock.now_s())
+                self._device.submit(message, expires_s - self._clock.now_s())
             case _:
                 self._device.submit(message)
         return None
-
-    def _take_order(self, order: Order, holds_s: float) -> None:
-        """Hand on what somebody asked for just now; a device that stood still finds old orders in its socket."""
-        if holds_s < 0.0:
-            self._happened(expired_text(order))
-        else:
-            self._device.submit(order, holds_s)
 
     def _note_clocks(self, ping: Ping) -> None:
         before_s, offset_s, uncertainty_s = self.link_state.clock_offset_s, ping.offset_s, ping.uncertainty_s

@@ -418,12 +418,11 @@ class ConsoleLink:
                 return self._maps.take(message)
             case Welcome():
                 raise WireError("The console said welcome twice: use the same version on both sides.")
-            case Order(expires_s=float(expires_s)):
+            case Order(expires_s=float(expires_s)) if expires_s < self._clock.now_s():
                 # A device that stood still finds old orders in its socket.
-                if (holds_s := expires_s - self._clock.now_s()) < 0.0:
-                    self._happened(expired_text(message))
-                else:
-                    self._device.submit(message, holds_s)
+                self._happened(expired_text(message))
+            case Order(expires_s=float(expires_s)):
+                self._device.submit(message, expires_s - self._clock.now_s())
             case _:
                 self._device.submit(message)
         return None

@@ -23,16 +23,17 @@ def led_by(state: DeviceState, order: SetDestination, now_s: float) -> Step:
         return state, effects
     if aim_id == order.poi_id:
         return replace(state, aim_by=aim_by), effects
-    state = replace(state, overridden=Overridden(aim_id or "", aim_by, was_paused, now_s + REFUSE_WITHIN_S))
     if aim_id is None:
+        # Nothing was taken from them, and no press is told of: holding *main* ends it, the others mean what they do.
         return state, effects
+    state = replace(state, overridden=Overridden(aim_id, aim_by, was_paused, now_s + REFUSE_WITHIN_S))
     chosen_by = aim_by or "the walker"
     text = f"Instead of {state.place_name(aim_id)}, which {chosen_by} had chosen: {state.place_name(order.poi_id)}."
     return state, (*effects, Happened("mode", text))
 
 
 def can_refuse(state: DeviceState, now_s: float) -> bool:
-    """Whether the walker can still refuse with one press where somebody leads them."""
+    """Whether the walker can still keep with one press what somebody has led them away from."""
     return state.leading and state.overridden is not None and now_s <= state.overridden.until_s
 
 
@@ -41,9 +42,6 @@ def refused(state: DeviceState, now_s: float) -> Step:
     kept = state.overridden
     assert kept is not None, "there is something to refuse"
     happened = Happened("button", f"The walker refuses to be led to {state.place_name(state.aim_id)}.")
-    if not kept.poi_id:
-        state, effects = happen(state, StateEvent.STOP, now_s, by=By.WALKER)
-        return state, (happened, *effects)
     state, effects = happen(state, StateEvent.DESTINATION, now_s, poi_id=kept.poi_id, by=By.WALKER)
     state = replace(state, aim_by=kept.by)
     if kept.was_paused:

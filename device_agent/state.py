@@ -92,7 +92,6 @@ class Overridden:
     """What the walker was on their way to before somebody at the console chose another place."""
 
     poi_id: str
-    """Empty where nobody was led."""
     by: str
     """Who had chosen it; empty: the walker."""
     was_paused: bool

@@ -321,7 +321,7 @@ def test_the_last_order_wins_whoever_gives_it_and_both_hear_of_it(rig: Rig) -> N
     rig.cycles(2)
     rig.agent.submit(SetDestination("bar"))
     rig.cycles(6)
-    assert "The console leads you to Bar. Hold previous to refuse." in [cue.text for cue in rig.output.cues]
+    assert "The console leads you to Bar." in [cue.text for cue in rig.output.cues]
     rig.press(Button.NEXT)
     rig.press(Button.MAIN)
     rig.cycles(6)
@@ -359,8 +359,8 @@ def test_an_answer_that_an_instruction_cuts_off_is_not_said_again(rig: Rig) -> N
     rig.agent.submit(SetDestination("bar"))
     rig.cycles(40)
     said = [cue.text for cue in rig.output.cues if cue.text]
-    assert said.count("The console leads you to Bar. Hold previous to refuse.") == 1
-    assert said.index("The console leads you to Bar. Hold previous to refuse.") < said.index("Move forward.")
+    assert said.count("The console leads you to Bar.") == 1
+    assert said.index("The console leads you to Bar.") < said.index("Move forward.")
 
 
 def test_buttons_that_are_gone_are_told_once_and_nothing_else_happens(rig: Rig) -> None:
@@ -511,10 +511,17 @@ def test_who_is_led_elsewhere_hears_by_whom_and_can_keep_their_own_way_by_one_pr
     assert heard(chinese) == ["Edi带您前往the bar。按住上一个键仍去Wash room。"]
 
 
-def test_who_was_not_led_or_stood_in_a_pause_does_so_again_after_refusing() -> None:
+def test_who_was_not_led_hears_by_whom_and_their_buttons_mean_what_they_always_do() -> None:
     step = ordered(standing(), "bar")
-    assert heard(step) == ["Edi leads you to the bar. Hold previous to refuse."]
-    assert press(step[0], Button.PREVIOUS, PressKind.LONG)[0].mode is Mode.READY
+    assert heard(step) == ["Edi leads you to the bar."]
+    asked = press(step[0], Button.PREVIOUS, PressKind.LONG)[0]
+    assert (asked.mode, asked.wanted_id) == (Mode.GUIDING, "bar"), "they were told of no press that refuses"
+    assert press(step[0], Button.MAIN, PressKind.LONG)[0].mode is Mode.READY
+    chinese = ordered(standing(language="zh"), "bar")
+    assert heard(chinese) == ["Edi带您前往the bar。"]
+
+
+def test_who_stood_in_a_pause_does_so_again_after_refusing() -> None:
     paused = replace(leading(), mode=Mode.PAUSED)
     step = ordered(paused, "bar")
     assert step[0].mode is Mode.GUIDING

@@ -137,7 +137,9 @@ def test_the_process_streams_takes_orders_survives_the_console_and_ends_cleanly(
     cycles = list(replay(parts))
     # Threads, clocks, the link and the watchdog were real, and so is every bit of what came of them.
     assert [(each.notes.number, each.differs_in) for each in cycles if each.differs_in] == []
-    assert {order.kind for each in cycles for order in each.notes.orders} == {"SetDestination", "Say"}
+    # What the walker shares, and whether the link stands, are noted as well: what is told of watchers hangs on them.
+    kinds = {order.kind for each in cycles for order in each.notes.orders}
+    assert kinds == {"SetDestination", "Say", "Consent", "LinkStands"}
     if all(each.notes.pictures for each in cycles if each.notes.frame is not None):
         again = replay(parts, lambda camera, settings: make_localizer(load_site(site), camera, settings))
         assert [(each.notes.number, each.differs_in) for each in again if each.differs_in] == []

@@ -16,13 +16,14 @@ REFUSE_WITHIN_S = 30.0
 
 def led_by(state: DeviceState, order: SetDestination, now_s: float) -> Step:
     """Lead to where somebody at the console wants the walker to go, and remember what that took the place of."""
-    aim_id, aim_by = state.aim_id, state.aim_by
+    aim_id, aim_by, overridden = state.aim_id, state.aim_by, state.overridden
     was_paused = state.purpose is Mode.PAUSED
     state, effects = happen(state, StateEvent.DESTINATION, now_s, poi_id=order.poi_id, by=By.CONSOLE, who=order.who)
     if state.wanted_id != order.poi_id:
         return state, effects
     if aim_id == order.poi_id:
-        return replace(state, aim_by=aim_by), effects
+        # The same order again takes nothing from them: the press that they were told of holds as long as it did.
+        return replace(state, aim_by=aim_by, overridden=overridden), effects
     if aim_id is None:
         # Nothing was taken from them, and no press is told of: holding *main* ends it, the others mean what they do.
         return state, effects

@@ -505,6 +505,8 @@ def test_who_is_led_elsewhere_hears_by_whom_and_can_keep_their_own_way_by_one_pr
     assert heard((kept, effects)) == ["To Wash room."]
     assert (kept.wanted_id, kept.aim_by, kept.mode) == ("wash", "", Mode.GUIDING)
     assert Happened("button", "The walker refuses to be led to the bar.") in effects
+    again = ordered(step[0], "bar", now_s=5.0)[0]
+    assert press(again, Button.PREVIOUS, PressKind.LONG, 10.0)[0].wanted_id == "wash", "the same order twice"
     late = press(step[0], Button.PREVIOUS, PressKind.LONG, REFUSE_WITHIN_S + 1.0)
     assert late[0].wanted_id == "bar", "the button means again what it always does"
     chinese = ordered(leading(language="zh"), "bar")

@@ -72,7 +72,7 @@ ANSWERS: dict[tuple[Button, PressKind], bool] = {
 """While somebody asks to see pictures: what allows it, and what refuses it; while they see them, the second ends it."""
 
 REFUSES = (Button.PREVIOUS, PressKind.LONG)
-"""What refuses to be led elsewhere by somebody at the console, for a while; a question on pictures is answered first."""
+"""What keeps their way for whom somebody at the console leads elsewhere; a question on pictures is answered first."""
 
 
 def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:

@@ -249,7 +249,8 @@ def watch_tuned_device(browser: FakeBrowser, services: Services) -> RecordingOut
     """Connect a device that tells its settings, and show it: its walker has been told who watches."""
     outlet = connect_device(services)
     services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    browser.tick()
+    browser.tick()  # finds the device
+    browser.tick()  # says that it shows it
     services.watching.look()
     outlet.sent.clear()
     browser.tick()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -171,3 +173,12 @@ def until(hub: DeviceHub, holds: Callable[[LiveDevice], bool]) -> LiveDevice:
 
 
 DEFAULTS = Settings().values()
+
+
+def heard_until(socket: ClientConnection, holds: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
+    """Return the first message of a live stream that is such; a walker is shown only once told who watches."""
+    deadline_s = time.monotonic() + WAIT_S
+    while not holds(told := json.loads(socket.recv(timeout=WAIT_S))):
+        assert time.monotonic() < deadline_s, "it was never told"
+    picture: dict[str, Any] = told
+    return picture

@@ -41,10 +41,10 @@ def timeline(tmp_path_factory: pytest.TempPathFactory) -> WalkTimeline:
 def of_one_state(timeline: WalkTimeline, state: WalkerState) -> WalkTimeline:
     """Return a past walk that was in this state all the time."""
     words = (state.mode.value, state.destination_id or "")
-    codes = timeline.codes | {
-        name: np.full_like(timeline.codes[name], index) for index, name in enumerate(("mode", "destination_id"))
+    codes = timeline.columns.codes | {
+        name: np.full_like(timeline.columns.codes[name], index) for index, name in enumerate(("mode", "destination_id"))
     }
-    return replace(timeline, words=words, codes=codes)
+    return replace(timeline, columns=replace(timeline.columns, words=words, codes=codes))
 
 
 @pytest.mark.parametrize(("mode", "beneath"), [pair for pair in STATES if pair[1] is not Mode.FAULT])

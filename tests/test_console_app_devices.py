@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import json
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,7 @@ from pathlib import Path
 import httpx
 import msgspec
 import pytest
-from console_room import DEFAULTS, DialledDevice, Person, hello_of, invited, until
+from console_room import DEFAULTS, DialledDevice, Person, heard_until, hello_of, invited, until
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
@@ -491,7 +490,7 @@ def test_the_stream_tells_the_whole_picture(server: ConsoleServer, admin: Person
     device.send(state(mode=Mode.GUIDING, action="walk", reason="ok", destination_id="b", deviation_m=0.25))
     until(server.services.hub, lambda d: d.state is not None)
     with admin.live() as socket:
-        picture = json.loads(socket.recv(timeout=20))
+        picture = heard_until(socket, lambda told: told["devices"][0]["state"] is not None)
     shown = picture["devices"][0]
     assert (shown["name"], shown["connected"]) == ("Lead glasses", True)
     assert shown["state"]["reason"] == "The way is free."

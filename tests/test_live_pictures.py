@@ -8,7 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from console_room import DialledDevice, Person, hello_of, until
+from console_room import DialledDevice, Person, heard_until, hello_of, until
 
 from console.alerts.alerts import Alert
 from console.live import Command, LiveDevice
@@ -104,6 +104,10 @@ def device(server: ConsoleServer) -> Iterator[DialledDevice]:
     dialled.socket.close()
 
 
+def tells_events(told: dict[str, Any]) -> bool:
+    return bool(told.get("parts", {}).get("glasses", {}).get("events", {}).get("value"))
+
+
 def test_a_page_that_comes_again_is_told_everything(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:
@@ -111,8 +115,8 @@ def test_a_page_that_comes_again_is_told_everything(
     until(server.services.hub, lambda known: bool(known.events))
     for _ in range(2):
         with admin.live(path="/live?devices=one") as socket:
-            parts = json.loads(socket.recv(timeout=20))["parts"]["glasses"]
-            assert [each["text"] for each in parts["events"]["value"]] == ["Move forward."]
+            events = heard_until(socket, tells_events)["parts"]["glasses"]["events"]["value"]
+            assert [each["text"] for each in events] == ["Move forward."]
             device.send(WalkerState(1000.0, "lost", "stop", "pose_lost"))
             while (told := json.loads(socket.recv(timeout=20)))["devices"][0]["state"] is None:
                 pass

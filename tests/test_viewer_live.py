@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 import pytest
 from viewer_client import FakeBrowser
-from viewer_fixtures import connect_device, scene_over, services_of_crossing
+from viewer_fixtures import RecordingOutlet, connect_device, scene_over, services_of_crossing
 
 from console.live import LiveDevice
 from console.roles import Role
@@ -153,7 +153,7 @@ def test_nothing_that_was_seen_or_decided_is_drawn_once_it_is_stale(browser: Fak
     assert drawn(100.2) == (set(parts), True, look.ROUTE, {look.TRAIL})
     assert drawn(106.0) == (set(), False, look.WALKER_STALE, {look.WALKER_STALE})
     # The state goes on, and the depth image, which comes more rarely, does not.
-    seen = dataclasses.replace(seen, state=state_at(107.0))
+    seen = dataclasses.replace(seen, state=state_at(107.0), state_arrival_s=107.0)
     visible, has_silhouette, _, _ = drawn(107.1)
     assert (visible, has_silhouette) == (set(parts), False)
 
@@ -245,6 +245,18 @@ def test_a_broken_silhouette_is_no_picture(jpeg: bytes) -> None:
 
 
 # -------------------------------------------------------------------------------------------------------- orders
+def watch_tuned_device(browser: FakeBrowser, services: Services) -> RecordingOutlet:
+    """Connect a device that tells its settings, and show it: its walker has been told who watches."""
+    outlet = connect_device(services)
+    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
+    browser.tick()  # finds the device
+    browser.tick()  # says that it shows it
+    services.watching.look()
+    outlet.sent.clear()
+    browser.tick()
+    return outlet
+
+
 def wait_for_settled(browser: FakeBrowser, services: Services, device_id: str) -> None:
     """Let the panel find its sliders let go, by its own clock."""
     panel = browser.view.tuning_panel
@@ -288,9 +300,7 @@ def test_a_slider_is_sent_when_it_is_let_go_and_shows_what_became_of_it(
     browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
 ) -> None:
     services = scene_and_services[1]
-    outlet = connect_device(services)
-    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    browser.tick()
+    outlet = watch_tuned_device(browser, services)
     for value in (3.2, 3.6, 4.0):
         browser.set_widget("Sub goal distance, m", value)
     assert outlet.sent == [], "not before it is let go"
@@ -312,9 +322,7 @@ def test_what_safety_hangs_on_is_sent_only_once_confirmed(
     browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
 ) -> None:
     services = scene_and_services[1]
-    outlet = connect_device(services)
-    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    browser.tick()
+    outlet = watch_tuned_device(browser, services)
     browser.set_widget("Stop distance, m", 1.0)
     wait_for_settled(browser, services, "glasses")
     assert outlet.sent == []
@@ -342,9 +350,7 @@ def test_a_forged_value_out_of_range_is_refused_and_taken_back(
     browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
 ) -> None:
     services = scene_and_services[1]
-    outlet = connect_device(services)
-    services.hub.receive("glasses", SettingsRunning(1, Settings().values()))
-    browser.tick()
+    outlet = watch_tuned_device(browser, services)
     browser.set_widget("Sub goal distance, m", 99.0)
     wait_for_settled(browser, services, "glasses")
     assert outlet.sent == []

@@ -30,7 +30,7 @@ from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
 from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261129T184832Z-glasses"
+WALK = "20261129T184832Z-glasses-w1"
 WAIT_S = 120.0
 
 
@@ -100,7 +100,7 @@ def test_what_no_recording_can_show_is_said_and_nothing_is_started(what_ifs: Wha
 def test_what_was_asked_of_a_deleted_walk_is_forgotten(tmp_path: Path) -> None:
     recordings = Recordings(tmp_path / "recordings", lambda: 1_800_000_000.0)
     take(recordings, STORED_WALK.read_bytes())
-    what_ifs = WhatIfs(PastWalks(recordings))
+    what_ifs = WhatIfs(PastWalks(recordings), tmp_path / "what-if")
     try:
         settled = what_ifs.cancel(what_ifs.start(WALK, {"gate.clearance_m": 2.5}).run_id)
         what_ifs.forget_deleted()

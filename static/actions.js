@@ -30,7 +30,8 @@ export class Actions {
       const text = $("say").value.trim();
       if (text && (await this.ask("say", { text }))) $("say").value = "";
     });
-    for (const node of document.querySelectorAll(".guiding")) node.hidden = !mayEdit;
+    // "Resume" stays hidden until a device is paused: beside "Pause" it is too wide for a phone.
+    if (!mayEdit) for (const node of document.querySelectorAll(".guiding")) node.hidden = true;
   }
 
   /** Ask the device that is shown for something; what was asked just now is not asked twice (a double click). */

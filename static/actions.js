@@ -30,7 +30,8 @@ export class Actions {
       const text = $("say").value.trim();
       if (text && (await this.ask("say", { text }))) $("say").value = "";
     });
-    for (const node of document.querySelectorAll(".guiding")) node.hidden = !mayEdit;
+    // "Resume" stays hidden until a device is paused: beside "Pause" it is too wide for a phone.
+    if (!mayEdit) for (const node of document.querySelectorAll(".guiding")) node.hidden = true;
   }
 
   /** Ask the device that is shown for something; what was asked just now is not asked twice (a double click). */
@@ -47,8 +48,8 @@ export class Actions {
 
   /** Whoever is on their way somewhere is not led elsewhere by one click: less so where they chose it themselves. */
   async guideTo(poi_id) {
-    const { id, name, state } = this.device;
-    const from = LED.includes(state?.mode) ? state.destination_id : null;
+    const { id, name, state, leads_somebody } = this.device;
+    const from = leads_somebody ? state.destination_id : null;
     const whose = state?.destination_by ? `${state.destination_by} has chosen that.` : `${name} has chosen that themselves.`;
     const wanted = !from || from === poi_id || (await sure({
       title: `Lead ${name} elsewhere?`, yes: `Guide to ${this.placeName(poi_id)}`, no: `Keep ${this.placeName(from)}`,

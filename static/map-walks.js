@@ -158,5 +158,5 @@ async function fetchRecordings() {
 
 await fetchRecordings();
 setInterval(() => fetchRecordings().catch(() => {}), RECORDINGS_EVERY_MS);
-follow(showLive, () => (device ? [device.id] : []));
+follow(showLive, () => "devices=all", () => (device ? [device.id] : []));
 ready();

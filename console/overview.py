@@ -25,12 +25,14 @@ _OF_THE_STATE = (
 def overview_row(device: LiveDevice, graph: PoiGraph, places: PlaceWords, *, is_watched: bool = True) -> Row:
     """Return one device; ``captured_s`` is on the console's monotonic clock, and None before its first state.
 
-    Who does not watch it is told that it is there, and nothing of its walker.
+    Who does not watch it, or is not counted yet, is told that it is there, and nothing of its walker: ``is_told`` tells
+    that from a device that has sent nothing.
     """
     state = device.state if is_watched else None
     return {
         "name": device.name,
         "connected": device.connected,
+        "is_told": is_watched,
         "captured_s": _rounded(device.captured_s if state is not None else None, 3),
         "uncertainty_s": _rounded(device.clock_uncertainty_s, 4),
         "link_delay_s": _rounded(device.round_trip_s / 2 if device.round_trip_s is not None else None, 3),

@@ -13,6 +13,8 @@ new AlertList($("alerts"), { most: 3 });
 const known = new OverviewRows();
 const { rows } = known;
 const cards = new Map();
+/** In place of how fresh a row is: the walker hears first that somebody watches, and nothing of them is told before. */
+const NOT_TOLD = "not_told";
 let now_s = 0;
 let receivedAt_s = 0;
 let limits = null;
@@ -37,12 +39,12 @@ function draw(link) {
   for (const one of seen) cardOf(one.id).show(one);
   for (const [id, card] of cards) if (!rows.has(id)) { card.node.remove(); cards.delete(id); }
   arrange(seen);
-  showCounts({ all: seen.length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
+  showCounts({ all: seen.length, told: seen.filter(({ fresh }) => fresh !== NOT_TOLD).length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
 }
 
 function seenOf(id, row, console_s, doubt_s) {
   const age_s = row.captured_s === null ? null : Math.max(0, console_s - row.captured_s);
-  const fresh = freshnessOf(age_s, doubt(row.uncertainty_s, doubt_s), row.connected, limits);
+  const fresh = row.is_told ? freshnessOf(age_s, doubt(row.uncertainty_s, doubt_s), row.connected, limits) : NOT_TOLD;
   const [rank, why] = attention(row, fresh);
   return { id, row, age_s, fresh, rank, why, name: row.name };
 }
@@ -58,8 +60,9 @@ function arrange(seen) {
   });
 }
 
-const showCounts = onChange(({ all, guided, need, linked }) => {
-  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${linked ? `${guided} guided, ${need} to look after` : "all to look after: nothing is known of any of them"}` : "");
+const showCounts = onChange(({ all, told, guided, need, linked }) => {
+  const known = [...told ? [`${guided} guided`, `${need} to look after`] : [], ...told < all ? ["…"] : []].join(", ");
+  setText($("counts"), all ? `${all} ${all === 1 ? "walker" : "walkers"}, ${linked ? known : "all to look after: nothing is known of any of them"}` : "");
 });
 
 function cardOf(id) {
@@ -88,13 +91,25 @@ class Card {
     const need = rank <= 2 ? "bad" : rank <= 5 ? "warn" : "";
     if (node.dataset.need !== need) node.dataset.need = need;
     setText(this.name, row.name);
-    showBadge(this.fresh, fresh, age_s);
-    const { sign, words } = row.mode ? decision(row, row.destination, fresh) : { sign: "lost", words: "Has sent nothing yet" };
+    this.showFreshness(fresh, age_s);
+    const { sign, words } = whatIs(row, fresh);
     this.drawSign(sign);
     setText(this.action, words);
     setText(this.why, why || (isPast(fresh) ? "" : row.mode_sentence) || "");
     this.drawFacts(row.mode ? facts(row) : []);
   }
+
+  showFreshness(fresh, age_s) {
+    if (fresh !== NOT_TOLD) return showBadge(this.fresh, fresh, age_s);
+    this.fresh.className = "badge";
+    this.fresh.dataset.mark = "○";
+    return setText(this.fresh, "…");
+  }
+}
+
+function whatIs(row, fresh) {
+  if (fresh === NOT_TOLD) return { sign: "ready", words: "…" };
+  return row.mode ? decision(row, row.destination, fresh) : { sign: "lost", words: "Has sent nothing yet" };
 }
 
 function facts(row) {

@@ -247,19 +247,23 @@ def _a_phone_will_do(page: Page) -> None:
 def test_the_overview_shows_who_needs_somebody_and_leads_to_them(
     page: Page, server: ConsoleServer, stream: Stream
 ) -> None:
-    device = WalkingDevice(server)
-    device.link.send(
-        WalkerState(
-            device.now_s(), "localized", "stop", "no_way", pose=(3.0, 0.0, 1.6, 0.0), remaining_m=3.0,
-            mode=Mode.GUIDING, destination_id="b",
-        )
-    )  # fmt: skip
-    page.evaluate("localStorage.setItem('alert-sound', 'on')")
-    page.goto("/overview")
+    card = page.locator(".walker")
+    with server.services.watching._looking:  # nobody tells the walker yet who watches
+        device = WalkingDevice(server)
+        device.link.send(
+            WalkerState(
+                device.now_s(), "localized", "stop", "no_way", pose=(3.0, 0.0, 1.6, 0.0), remaining_m=3.0,
+                mode=Mode.GUIDING, destination_id="b",
+            )
+        )  # fmt: skip
+        page.evaluate("localStorage.setItem('alert-sound', 'on')")
+        page.goto("/overview")
+        expect(page.locator("#counts")).to_have_text("1 walker, …")
+        expect(card.locator(".badge").first).to_have_text("…")
+        expect(card.locator(".action")).to_have_text("…")
     page.get_by_role("button", name="Let alerts sound").click()
     expect(page.locator("#sound-line")).to_be_hidden()
     expect(page.locator("#alert-sound")).to_have_text("Sound on")
-    card = page.locator(".walker")
     expect(card).to_contain_text("Glasses of Ada")
     expect(card).to_contain_text("between Hall and Bar")
     expect(card).to_have_attribute("data-need", "warn")

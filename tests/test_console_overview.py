@@ -77,7 +77,11 @@ def test_a_device_that_joins_anew_and_has_not_told_its_state_is_not_shown_with_t
         for told in (state(), None)
     )
     assert set(before) == set(now), "a field that is left out would stay on the page"
-    assert (before["mode"], now["mode"], now["captured_s"]) == ("guiding", None, None)
+    assert (before["mode"], now["mode"], now["captured_s"], now["is_told"]) == ("guiding", None, None, True)
+    device = LiveDevice("glasses", "Glasses", hello, True, 0.0, 0.0, state=state())
+    unseen = overview_row(device, graph, places, is_watched=False)
+    assert set(unseen) == set(now)
+    assert (unseen["mode"], unseen["captured_s"], unseen["is_told"]) == (None, None, False)
 
 
 # ------------------------------------------------------------------------------------------------- a real console

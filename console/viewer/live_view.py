@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from console.live import Freshness, LiveDevice, freshness
 from navcore.angles import wrap_rad
 from navcore.geometry import FloatArray
-from navcore.types import Reason
 from navcore.wire import WalkerState
 
 CUE_SHOWN_S = 6.0
@@ -109,14 +108,6 @@ class LiveView:
             return None
         x_m, y_m = route_m[int(np.argmin(np.hypot(*(route_m - np.array(self.state.pose[:2])).T)))]
         return float(x_m), float(y_m)
-
-
-def reason_sentence(state: WalkerState) -> str:
-    """Return the reason of a decision in plain words; a reason of a newer device as it stands."""
-    try:
-        return Reason(state.reason).sentence
-    except ValueError:
-        return state.reason
 
 
 def direction_words(angle_rad: float) -> str:

@@ -10,9 +10,10 @@ import viser
 from console.errors import ForbiddenError
 from console.hub import DeviceHub
 from console.live import Freshness, LiveDevice
+from console.live_panel import reason_sentence
 from console.roles import EDITING, SignedIn
 from console.viewer.appearance import age_text
-from console.viewer.live_view import LiveView, direction_words, reason_sentence
+from console.viewer.live_view import LiveView, direction_words
 from console.viewer.widgets import at_once, on_change, on_choice, on_press, set_value
 from console.viewer.wording import status_card
 from navcore.errors import VbrError
@@ -132,7 +133,7 @@ def _heading(state: WalkerState) -> str:
     if state.mode not in _GUIDANCE_TELLS:
         return state.mode.label
     if state.action == "stop":
-        return f"Stop. {reason_sentence(state)}"
+        return f"Stop. {reason_sentence(state.reason)}"
     where = direction_words(state.direction_rad) if state.direction_rad is not None else ""
     return f"{'Walk' if state.action == 'walk' else 'Turn'} {where}"
 

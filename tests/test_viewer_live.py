@@ -282,6 +282,33 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination, Repeat]
 
 
+@pytest.mark.parametrize("browser", ["editor"], indirect=True)
+def test_who_is_on_their_way_is_led_elsewhere_or_no_more_only_after_a_question(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    outlet = connect_device(services)
+    led = WalkerState(0.1, "localized", "walk", "ok", mode=Mode.GUIDING, destination_id="lift", destination_by="Bea")
+    services.hub.receive("glasses", led)
+    browser.tick()
+    browser.click_poi("bar")
+    names = {key: poi.name for key, poi in services.model.published.pois.items()}
+    for answer, sent in ((f"Keep {names['lift']}", 0), (f"Guide to {names['bar']}", 1)):
+        browser.set_widget("Guide the walker here", True)
+        assert len(outlet.sent) == 0, "it is asked first"
+        browser.set_widget(answer, True)
+        assert len([each for each in outlet.sent if isinstance(each, SetDestination)]) == sent
+    browser.set_widget("Guidance", "Stop")
+    browser.key("escape")
+    assert not any(isinstance(each, ClearDestination) for each in outlet.sent)
+    browser.set_widget("Guidance", "Stop")
+    browser.set_widget("Stop guiding", True)
+    assert isinstance(outlet.sent[-1], ClearDestination)
+    services.hub.receive("glasses", msgspec.structs.replace(led, destination_id="bar"))
+    browser.set_widget("Guide the walker here", True)
+    assert len([each for each in outlet.sent if isinstance(each, SetDestination)]) == 2, "they are on the way there"
+
+
 @pytest.mark.parametrize("browser", ["viewer", "technician"], indirect=True)
 def test_who_may_only_watch_cannot_guide(browser: FakeBrowser, scene_and_services: tuple[Scene, Services]) -> None:
     outlet = connect_device(scene_and_services[1])

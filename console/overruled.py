@@ -28,5 +28,10 @@ def as_heard(state: WalkerState, events: Sequence[Event]) -> WalkerState:
         return state
     trace = replace(state.trace or DecisionTraceView(), decided=Rule.WATCHDOG.value, turn=None)
     return replace(
-        state, action=Action.STOP.value, direction_rad=None, reason=Reason.SENSOR_STALE.value, rule=last.text, trace=trace
+        state,
+        action=Action.STOP.value,
+        direction_rad=None,
+        reason=Reason.SENSOR_STALE.value,
+        rule=last.text,
+        trace=trace,
     )

@@ -80,7 +80,7 @@ function showSound({ state, heard, last }) {
 }
 
 /** Show the worst alert of one device where a list of devices has a place for it. */
-export function drawFor(place, alerts) {
+function drawFor(place, alerts) {
   const mine = alerts.filter(({ device_id, phase }) => device_id === place.dataset.device && phase !== "shelved");
   const key = JSON.stringify(mine.map(({ id, priority, phase }) => [id, priority, phase]));
   if (place.dataset.shown === key) return;

@@ -3,7 +3,7 @@
 
 const WANTED = "alert-sound";
 /** Hz of each pulse, seconds from one to the next, seconds until it is heard again (null: once). */
-export const PATTERNS = {
+const PATTERNS = {
   high: { tones_hz: [523, 659, 784, 659, 784], step_s: 0.16, again_s: 10 },
   medium: { tones_hz: [523, 659, 523], step_s: 0.28, again_s: 30 },
   low: { tones_hz: [523], step_s: 0.5, again_s: null },

@@ -239,7 +239,7 @@ export const FRESHNESS = {
 };
 
 /** The words of a badge: how fresh, and how old where it is not live. */
-export function freshnessWords(fresh, age_s) {
+function freshnessWords(fresh, age_s) {
   return fresh === "live" || fresh === "not_told" || age_s === null ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
 }
 

@@ -22,7 +22,7 @@ def as_heard(state: WalkerState, events: Sequence[Event]) -> WalkerState:
     events of before would seem to be later than every state.
     """
     last = next((event for event in reversed(events) if event.kind == "watchdog"), None)
-    if last is None or last.text == GUIDANCE_IS_FRESH or not state.leads_somebody:
+    if last is None or last.text == GUIDANCE_IS_FRESH or state.action == Action.STOP.value:
         return state
     if not 0.0 < last.stamp_s - state.stamp_s <= STALE_AFTER_S:
         return state

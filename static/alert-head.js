@@ -70,9 +70,9 @@ function say(alerts) {
   if (fresh.length) setText(said, `Alert: ${fresh.map(({ sentence }) => sentence).join(" ")}`);
 }
 
-function showSound({ state, heard, last }) {
+function showSound({ state, isDecided, heard, last }) {
   toggle.dataset.state = state;
-  soundLine.hidden = state !== "waiting";
+  soundLine.hidden = state !== "waiting" || !isDecided;
   toggle.setAttribute("aria-label", SOUND_LABELS[state]);
   toggle.title = SOUND_LABELS[state];
   setText(toggle, SOUND_WORDS[state]);

@@ -9,18 +9,22 @@ const PATTERNS = {
   low: { tones_hz: [523], step_s: 0.5, again_s: null },
 };
 const LEVEL = 0.25;
+/** Where somebody has pressed something on the page before in this tab, a browser lets the next one sound as well, a moment after its loading. */
+const DECIDES_MS = 1000;
 
 export class AlertSound {
   /** `show(sound)` is called at each change of `state`: off, on, or waiting (wanted, but nobody has pressed anything on this page yet). */
   constructor(show) {
     this.show = show;
     this.context = null;
+    this.isDecided = false; // whether it is known by now that this page may not sound
     this.wanted = localStorage.getItem(WANTED) === "on";
     this.heard = 0;
     this.last = "";
     for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, () => { if (this.wanted) this.open(); }, { capture: true, passive: true });
     if (this.wanted) this.open();
     this.tell();
+    setTimeout(() => { this.isDecided = true; this.tell(); }, DECIDES_MS);
   }
 
   get state() {

@@ -9,7 +9,7 @@ const PATTERNS = {
   low: { tones_hz: [523], step_s: 0.5, again_s: null },
 };
 const LEVEL = 0.25;
-/** Where somebody has pressed something on the page before in this tab, a browser lets the next one sound as well, a moment after its loading. */
+/** A browser may let a page sound because something was pressed on the one before in this tab; that is so only a moment after its loading. */
 const DECIDES_MS = 1000;
 
 export class AlertSound {

@@ -74,7 +74,7 @@ class Menu:
     until_s: float
     """Nobody remembers an open menu for ever: it closes by itself."""
     listed: tuple[str, ...] = ()
-    """The entries in the order in which they stood when the list was opened: whoever walks on finds them there again."""
+    """The entries, in the order in which they stood when the list was opened: whoever walks on finds them there."""
     set_off_until_s: float = -math.inf
     """Until then the main button sets off to the place that was named last: it has been chosen once already."""
 

@@ -20,6 +20,7 @@ from console.clock_offset import ClockOffset
 from console.command_fate import judge, superseded
 from console.errors import ConflictError, NotFoundError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
+from console.overruled import as_heard
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
     ORDER_HOLDS_S,
@@ -321,7 +322,7 @@ class DeviceHub:
         match message:
             case WalkerState():
                 self._look_at_stamp(device, message.stamp_s, now_s)
-                return replace(device, state=message, state_arrival_s=now_s)
+                return replace(device, state=as_heard(message, device.events), state_arrival_s=now_s)
             case DepthImage():
                 return replace(device, depth_image=message, depth_arrival_s=now_s)
             case ColourImage():
@@ -329,7 +330,8 @@ class DeviceHub:
             case RouteChanged():
                 return replace(device, route=message)
             case Event():
-                return replace(device, events=(*device.events, message)[-EVENTS_KEPT_COUNT:])
+                events = (*device.events, message)[-EVENTS_KEPT_COUNT:]
+                return replace(device, events=events, state=device.state and as_heard(device.state, events))
             case MapWalkSeen():
                 return replace(device, map_walk=message)
             case SharingRunning():

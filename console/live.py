@@ -134,6 +134,10 @@ class LiveDevice:
         """
         return None if self.state is None else self._told_s(self.state.stamp_s, self.state_arrival_s)
 
+    def has_told(self, now_s: float) -> bool:
+        """Whether it has sent a state, or had the time to: who has connected just now is awaited, not lost."""
+        return self.state is not None or not self.connected or now_s - self.connected_at_s > STALE_AFTER_S
+
     def depth_age_s(self, now_s: float) -> float | None:
         """Seconds since the depth picture was captured, and no less than since it arrived; None without one."""
         image = self.depth_image

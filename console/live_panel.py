@@ -41,13 +41,15 @@ def device_view(device: LiveDevice, now_s: float, alerts: Sequence[dict[str, Any
 def changing_view(device: LiveDevice, now_s: float, *, is_watched: bool = True) -> dict[str, Any]:
     """Return what may change with each message of a device, and what is small.
 
-    Who does not watch it is told that it is there, and nothing of its walker.
+    Who does not watch it, or is not counted yet, is told that it is there, and nothing of its walker: ``is_told`` tells
+    that from a device that has sent nothing.
     """
     return {
         "id": device.device_id,
         "name": device.name,
         "software": device.hello.software_version,
         "connected": device.connected,
+        "is_told": is_watched and device.has_told(now_s),
         "freshness": device.freshness(now_s).value,
         "age_s": device.age_s(now_s),
         "link_delay_s": device.round_trip_s / 2 if device.round_trip_s is not None else None,

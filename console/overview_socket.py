@@ -44,8 +44,11 @@ async def _stream(socket: WebSocket, services: Services, window: Window) -> None
         if services.model.published is not graph:
             graph = services.model.published
             places = PlaceWords(graph)
+        now_s = services.hub.now_s()
         rows = {
-            device.device_id: overview_row(device, graph, places, is_watched=window.sees(device.device_id))
+            device.device_id: overview_row(
+                device, graph, places, is_watched=window.sees(device.device_id) and device.has_told(now_s)
+            )
             for device in services.hub.devices()
         }
         for message in messages(told, rows):

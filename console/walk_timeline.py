@@ -21,6 +21,7 @@ from mcap.records import McapRecord, Message
 
 from console.errors import NotFoundError
 from console.live import LiveDevice
+from console.overruled import as_heard
 from console.past_walks import PastWalk
 from console.timeline import Stamped, Timeline
 from navcore.errors import InputError
@@ -88,13 +89,13 @@ class WalkTimeline(Timeline):
             walk.graph_version, revision, stamp_s,
         )  # fmt: skip
         seen = bisect_right(self.events, stamp_s, key=lambda event: event.stamp_s)
-        depth = self._depth_before(stamp_s)
+        events, depth = self.events[max(0, seen - EVENTS_KEPT_COUNT) : seen], self._depth_before(stamp_s)
         return LiveDevice(
             walk.device, walk.device, hello, connected=True, connected_at_s=self.began_s, clock_offset_s=0.0,
-            clock_uncertainty_s=0.0, round_trip_s=None, state=self._state(index),
+            clock_uncertainty_s=0.0, round_trip_s=None, state=as_heard(self._state(index), events),
             state_arrival_s=float(self.stamps_s[index]), route=self.route_at(stamp_s),
             depth_image=None if depth is None else DepthImage(depth.stamp_s, b""),
-            events=self.events[max(0, seen - EVENTS_KEPT_COUNT) : seen],
+            events=events,
             settings=None if settings is None else flat(settings.settings), settings_revision=revision,
             map_checksum=walk.map_checksum, graph_version=walk.graph_version,
         )  # fmt: skip

@@ -1,8 +1,9 @@
 """What the buttons mean: a menu without a picture. Pure.
 
 The main button starts, pauses, goes on and, held, stops; *next* and *previous* go through the places, and the main
-button chooses the one that was named last. Every press is answered in words. What a wish leads to is for the state
-machine to say (:mod:`device_agent.states`).
+button chooses the one that was named last: it is named again, with the length of the way, and only a second press sets
+off. After the last place comes *privacy*, which opens a list of its own (:mod:`device_agent.privacy_menu`). Every press
+is answered in words. What a wish leads to is for the state machine to say (:mod:`device_agent.states`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from device_agent import privacy_menu
 from device_agent.led_by import can_refuse, refused
 from device_agent.ports import Button, ButtonPress, PressKind
 from device_agent.privacy import answered, can_answer
-from device_agent.state import DeviceState, Effect, Happened, Menu, Notice, Step
+from device_agent.state import DeviceState, Happened, Menu, Notice, Step
 from device_agent.states import STATES, StateEvent
 from device_agent.transitions import By, happen
 from device_agent.whereabouts import HERE_M, costs_m, finder_of, name_of
@@ -28,6 +29,10 @@ from navcore.types import LocalizationQuality, Pose2D
 
 OPEN_FOR_S = 30.0
 """The menu closes when nothing has been pressed for so long."""
+SET_OFF_WITHIN_S = 10.0
+"""So long after a place was chosen a second press sets off; later it asks again."""
+PRIVACY = "*privacy"
+"""The last entry among the places; no identifier of a place has an asterisk."""
 
 Browse = Literal["browse next", "browse previous", "browse", "change order"]
 Offer = Literal["offer a map walk"]
@@ -43,7 +48,7 @@ MAIN_SHORT: dict[Mode, Meaning] = {
     Mode.LOST: StateEvent.PAUSE,
     Mode.ARRIVED: "browse",
 }
-"""The main button, pressed shortly while no place is browsed; while one is, it chooses that place."""
+"""The main button, pressed shortly while no list is open; in one it chooses what was named last."""
 MAIN_LONG: dict[Mode, Meaning] = {
     **{
         mode: StateEvent.OFF_DUTY if mode in (Mode.LOCALIZING, Mode.READY, Mode.ARRIVED) else StateEvent.STOP
@@ -100,6 +105,7 @@ def pressed(state: DeviceState, press: ButtonPress, now_s: float) -> Step:
     if isinstance(meaning, StateEvent):
         return _wish(state, meaning, now_s)
     if meaning == "change order" and not _may_choose(state):
+        # There are no places to put in order: what concerns privacy is within reach in every state.
         return privacy_menu.opened(state, now_s + OPEN_FOR_S)
     if not _may_choose(state) and not _in_privacy(state):
         # The state's own answer says why.
@@ -152,54 +158,49 @@ def _wish(state: DeviceState, event: StateEvent, now_s: float, poi_id: str = "")
 def _chosen(state: DeviceState, menu: Menu, now_s: float) -> Step:
     if menu.by == "privacy":
         return privacy_menu.chosen(state, now_s, now_s + OPEN_FOR_S)
-    return _wish(replace(state, menu=None), StateEvent.DESTINATION, now_s, menu.entry_id)
+    if menu.entry_id == PRIVACY:
+        return privacy_menu.opened(state, now_s + OPEN_FOR_S)
+    if menu.entry_id not in _listed(state, menu):
+        return _browse(state, now_s)
+    if now_s <= menu.set_off_until_s:
+        return _wish(replace(state, menu=None), StateEvent.DESTINATION, now_s, menu.entry_id)
+    menu = replace(menu, until_s=now_s + OPEN_FOR_S, set_off_until_s=now_s + SET_OFF_WITHIN_S)
+    question = TEXTS[state.settings.cues.language]["menu_set_off"].format(place=_place(state, menu.entry_id))
+    return replace(state, menu=menu), (Notice(question, answers=True),)
 
 
 # -------------------------------------------------------------------------------------------------------- browsing
 def _browse(state: DeviceState, now_s: float, step: int = 0) -> Step:
-    """Go to another place of the list, or to the first one."""
+    """Go to another entry of the open list, or open the list of places."""
     menu = state.menu
     if menu is not None and menu.by == "privacy":
         return privacy_menu.moved(state, step, now_s + OPEN_FOR_S)
-    by: Literal["distance", "name"] = "distance" if _pose(state) else "name"
-    if menu is not None:
-        by = "distance" if menu.by == "distance" else "name"
-    pois = _listed(state, menu) if menu is not None else places(state, by)
-    if not pois:
-        return replace(state, menu=None), (Notice(TEXTS[state.settings.cues.language]["menu_empty"], answers=True),)
-    ids = [poi.id for poi in pois]
-    if menu is None or menu.entry_id not in ids:
+    if menu is None:
         # The way back into the list begins at its end.
-        at = len(pois) - 1 if step < 0 else 0
-    else:
-        at = (ids.index(menu.entry_id) + step) % len(pois)
-    return _named(_opened_at(state, by, pois, at, now_s), pois, at, opened=menu is None)
+        return _opened(state, "distance" if _pose(state) else "name", now_s, at=min(step, 0))
+    listed = _listed(state, menu)
+    at = (listed.index(menu.entry_id) + step) % len(listed) if menu.entry_id in listed else min(step, 0)
+    return _named(replace(state, menu=Menu(listed[at], menu.by, now_s + OPEN_FOR_S, listed)))
 
 
-def _listed(state: DeviceState, menu: Menu) -> tuple[Poi, ...]:
-    """Return the places of the open list in its own order, without those that a newer graph has no more."""
-    there = {poi.id: poi for poi in places(state, "name")}
-    return tuple(there[key] for key in menu.listed if key in there)
+def _listed(state: DeviceState, menu: Menu) -> tuple[str, ...]:
+    """Return the entries of the open list in its own order, without the places that a newer graph has no more."""
+    there = {PRIVACY, *(poi.id for poi in places(state, "name"))}
+    return tuple(key for key in menu.listed if key in there)
 
 
-def _opened_at(
-    state: DeviceState, by: Literal["distance", "name"], pois: tuple[Poi, ...], at: int, now_s: float
-) -> DeviceState:
-    listed = tuple(poi.id for poi in pois)
-    return replace(state, menu=Menu(listed[at], by, now_s + OPEN_FOR_S, listed))
+def _opened(state: DeviceState, by: Literal["distance", "name"], now_s: float, at: int = 0) -> Step:
+    """Open the list of places, and say how they are ordered before what is named; where there is none, that."""
+    listed = (*(poi.id for poi in places(state, by)), PRIVACY)
+    is_empty = len(listed) == 1
+    begin = "menu_empty" if is_empty else "" if listed[at] == PRIVACY else f"menu_by_{by}"
+    return _named(replace(state, menu=Menu(listed[at], by, now_s + OPEN_FOR_S, listed)), begin)
 
 
 def _changed_order(state: DeviceState, now_s: float) -> Step:
-    """Go to the next list, and begin at its first entry: places by distance, by name, and then privacy."""
-    before = state.menu.by if state.menu is not None else "privacy"
-    if before == "name":
-        return privacy_menu.opened(state, now_s + OPEN_FOR_S)
-    by: Literal["distance", "name"] = "name" if before == "distance" or not _pose(state) else "distance"
-    state = replace(state, menu=None)
-    pois = places(state, by)
-    if not pois:
-        return _browse(state, now_s)
-    return _named(_opened_at(state, by, pois, 0, now_s), pois, 0, opened=True)
+    """List the places by name where they are listed by distance, else by distance; begin at the first."""
+    is_by_distance = state.menu is not None and state.menu.by == "distance"
+    return _opened(state, "name" if is_by_distance or not _pose(state) else "distance", now_s)
 
 
 _BROWSE: dict[Browse, Callable[[DeviceState, float], Step]] = {
@@ -225,25 +226,32 @@ def places(state: DeviceState, by: Literal["distance", "name"]) -> tuple[Poi, ..
     return tuple(pois)
 
 
-def _named(state: DeviceState, pois: tuple[Poi, ...], at: int, *, opened: bool) -> Step:
-    assert state.menu is not None
+def _named(state: DeviceState, begin: str = "") -> Step:
+    """Say the entry at which the list is, after a text of its own (a key of TEXTS)."""
     language = state.settings.cues.language
-    texts, entry = TEXTS[language], _entry(state, pois[at], at + 1, len(pois))
-    begin = texts[f"menu_by_{state.menu.by}"] + ("" if language == "zh" else " ") if opened else ""
-    effects: tuple[Effect, ...] = (Notice(begin + entry, answers=True),)
-    return state, effects
+    said = [*([TEXTS[language][begin]] if begin else []), _entry(state)]
+    return state, (Notice(("" if language == "zh" else " ").join(said), answers=True),)
 
 
-def _entry(state: DeviceState, poi: Poi, number: int, count: int) -> str:
-    language, pose = state.settings.cues.language, _pose(state)
+def _entry(state: DeviceState) -> str:
+    menu, texts = state.menu, TEXTS[state.settings.cues.language]
+    assert menu is not None
+    if menu.entry_id == PRIVACY:
+        return texts["menu_privacy"]
+    number, count = menu.listed.index(menu.entry_id) + 1, len(menu.listed) - 1
+    return texts["menu_entry"].format(place=_place(state, menu.entry_id), number=number, count=count)
+
+
+def _place(state: DeviceState, poi_id: str) -> str:
+    """Return what a place is called and how long the way to it is, where that is known."""
+    language, pose, poi = state.settings.cues.language, _pose(state), state.graph.pois[poi_id]
     texts, name = TEXTS[language], name_of(poi)
     way_m = None if pose is None else _way_m(state, poi, pose)
     if way_m is None:
-        return texts["menu_entry_unknown"].format(name=name, number=number, count=count)
+        return name
     if way_m < HERE_M:
-        return texts["menu_entry_here"].format(name=name, number=number, count=count)
-    distance = distance_text(way_m, language)
-    return texts["menu_entry"].format(name=name, distance=distance, number=number, count=count)
+        return texts["menu_place_here"].format(name=name)
+    return texts["menu_place"].format(name=name, distance=distance_text(way_m, language))
 
 
 def _way_m(state: DeviceState, poi: Poi, pose: Pose2D) -> float | None:

@@ -69,12 +69,14 @@ class Menu:
     """Where the walker is in a list: of places, or of what concerns privacy."""
 
     entry_id: str
-    """What was named last: a PoI, or an entry of :mod:`device_agent.privacy_menu`."""
+    """What was named last: a PoI, the entry that leads to privacy, or one of :mod:`device_agent.privacy_menu`."""
     by: Literal["distance", "name", "privacy"]
     until_s: float
     """Nobody remembers an open menu for ever: it closes by itself."""
     listed: tuple[str, ...] = ()
-    """The places in the order in which they stood when the list was opened: whoever walks on finds them there again."""
+    """The entries, in the order in which they stood when the list was opened: whoever walks on finds them there."""
+    set_off_until_s: float = -math.inf
+    """Until then the main button sets off to the place that was named last: it has been chosen once already."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from device_agent.adapters.keyboard_buttons import KEY_NAMES
-from device_agent.menu import ANSWERS, MAIN_LONG, MAIN_SHORT, OTHERS, Meaning
+from device_agent.menu import ANSWERS, MAIN_LONG, MAIN_SHORT, OTHERS, SET_OFF_WITHIN_S, Meaning
 from device_agent.ports import Button, PressKind
 from device_agent.states import EVENT_SOURCES, STATES, WISHES, StateAction, StateEvent, Transition
 from navcore.cues.texts import TEXTS
@@ -132,8 +132,9 @@ def _buttons() -> list[str]:
         "## The buttons",
         "",
         "Everything can be done with them, without a console; every press is answered in words. While the places are",
-        "browsed, the main button chooses the one that was named last; held, it closes the list, and stops whoever is",
-        "led. The list closes by itself half a minute after the last press. An answer is cut off by stops, turns and",
+        "browsed, the main button chooses the one that was named last: its name and the length of the way are said,",
+        f"and a second press within {SET_OFF_WITHIN_S:.0f} s sets off. Held, it closes the list, and stops who is led.",
+        "The list closes by itself half a minute after the last press. An answer is cut off by stops, turns and",
         "steering: whoever stands hears it out.",
         "",
         "| in every state | short | held |",
@@ -146,10 +147,14 @@ def _buttons() -> list[str]:
     lines += [f"| {mode.value} | {_meaning(MAIN_SHORT[mode])} | {_meaning(MAIN_LONG[mode])} |" for mode in MAIN_SHORT]
     lines += [
         "",
-        "Holding *next* goes from the places by distance to those by name, and on to privacy: who watches, who has",
-        "looked, and what the console gets; there the main button does what was named last. While somebody at the",
-        f"console asks to see colour pictures, {_answer_keys(True)} allows it for a minute, and {_answer_keys(False)}",
-        f"refuses it; while they see them, {_answer_keys(False)} ends it ([privacy.md](privacy.md)).",
+        "Holding *next* lists the places by name, and again by distance. After the last place comes *privacy*, which",
+        "the main button opens: who watches, who has looked, and what the console gets; there it does what was named",
+        "last.",
+        "Where no place can be chosen (off duty, while a map is recorded), holding *next* opens that list.",
+        "",
+        f"While somebody at the console asks to see colour pictures, {_answer_keys(True)} allows it for a minute, and",
+        f"{_answer_keys(False)} refuses it; while they see them, {_answer_keys(False)} ends it",
+        "([privacy.md](privacy.md)).",
         "",
         "Off duty, *main* held asks whether a sighted person wants to record a map; *next* within half a minute begins",
         f"the [map walk](map_walk.md), and any other press does not. In `{Mode.MAPPING.value}` nobody is led.",

@@ -19,6 +19,7 @@ from navcore.cues.synthesis import stop_cue
 from navcore.cues.table import Cue
 from navcore.cues.texts import Language
 from navcore.types import Reason
+from navcore.wire import GUIDANCE_IS_FRESH
 
 REPEAT_AFTER_S = 2.0
 """Time between two cues *Stop* of one incident."""
@@ -142,7 +143,7 @@ class Watchdog:
             _log.warning("%s", text)
             self._tell(now_s, text)
         elif verdict is Verdict.RECOVERED:
-            self._tell(now_s, "Guidance is fresh again.")
+            self._tell(now_s, GUIDANCE_IS_FRESH)
         return verdict
 
     def _play(self, cue: Cue) -> None:

@@ -189,7 +189,7 @@ def _joined(parts: list[str]) -> str:
     return "; ".join(part for part in parts if part)
 
 
-_OVERRULED = frozenset({Rule.CAMERA_MOVED, Rule.DECISION_OLD, Rule.SETTLING, Rule.NOT_ALLOWED})
+_OVERRULED = frozenset({Rule.CAMERA_MOVED, Rule.DECISION_OLD, Rule.SETTLING, Rule.NOT_ALLOWED, Rule.WATCHDOG})
 _CHECKS: tuple[tuple[str, Callable[[Facts], str], frozenset[Rule]], ...] = (
     ("Device", _device, frozenset({
         Rule.OFF_DUTY, Rule.MAPPING, Rule.NO_FRAME, Rule.FAULT, Rule.PAUSED, Rule.NO_ROUTE, Rule.START_UNKNOWN,

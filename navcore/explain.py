@@ -277,6 +277,7 @@ _STOPS: dict[Rule, Callable[[Facts], str]] = {
     Rule.CAMERA_MOVED: _moved,
     Rule.DECISION_OLD: _quoted("deciding took too long"),
     Rule.SETTLING: _quoted("all works again, but not for long enough yet"),
+    Rule.WATCHDOG: _quoted("no decision came in time, so the watchdog has told the walker to stand"),
     Rule.NOT_ALLOWED: lambda facts: f"the state of the device ({facts.state.mode.label}) allows no step",
 }
 """Rules that only ever turn or walk are not in it; a stop by one of them is explained by its reason."""

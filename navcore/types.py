@@ -476,6 +476,8 @@ class Rule(enum.Enum):
     """All works again, not for long enough yet."""
     NOT_ALLOWED = "not_allowed"
     """The state of the device allows no such action."""
+    WATCHDOG = "watchdog"
+    """No decision came in time, or the loop failed: the watchdog has told *Stop* itself."""
 
 
 @dataclass(frozen=True, slots=True)

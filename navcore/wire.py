@@ -179,6 +179,10 @@ class RouteChanged(_Message, frozen=True, tag="route"):
     """Why there is no route, where one was asked for."""
 
 
+GUIDANCE_IS_FRESH = "Guidance is fresh again."
+"""What the watchdog's event says that ends the incident which its event before began."""
+
+
 class Event(_Message, frozen=True, tag="event"):
     """Something that must not be lost: kept on the device until confirmed."""
 

@@ -70,9 +70,9 @@ function say(alerts) {
   if (fresh.length) setText(said, `Alert: ${fresh.map(({ sentence }) => sentence).join(" ")}`);
 }
 
-function showSound({ state, heard, last }) {
+function showSound({ state, isDecided, heard, last }) {
   toggle.dataset.state = state;
-  soundLine.hidden = state !== "waiting";
+  soundLine.hidden = state !== "waiting" || !isDecided;
   toggle.setAttribute("aria-label", SOUND_LABELS[state]);
   toggle.title = SOUND_LABELS[state];
   setText(toggle, SOUND_WORDS[state]);
@@ -80,7 +80,7 @@ function showSound({ state, heard, last }) {
 }
 
 /** Show the worst alert of one device where a list of devices has a place for it. */
-export function drawFor(place, alerts) {
+function drawFor(place, alerts) {
   const mine = alerts.filter(({ device_id, phase }) => device_id === place.dataset.device && phase !== "shelved");
   const key = JSON.stringify(mine.map(({ id, priority, phase }) => [id, priority, phase]));
   if (place.dataset.shown === key) return;

@@ -3,24 +3,28 @@
 
 const WANTED = "alert-sound";
 /** Hz of each pulse, seconds from one to the next, seconds until it is heard again (null: once). */
-export const PATTERNS = {
+const PATTERNS = {
   high: { tones_hz: [523, 659, 784, 659, 784], step_s: 0.16, again_s: 10 },
   medium: { tones_hz: [523, 659, 523], step_s: 0.28, again_s: 30 },
   low: { tones_hz: [523], step_s: 0.5, again_s: null },
 };
 const LEVEL = 0.25;
+/** A browser may let a page sound because something was pressed on the one before in this tab; that is so only a moment after its loading. */
+const DECIDES_MS = 1000;
 
 export class AlertSound {
   /** `show(sound)` is called at each change of `state`: off, on, or waiting (wanted, but nobody has pressed anything on this page yet). */
   constructor(show) {
     this.show = show;
     this.context = null;
+    this.isDecided = false; // whether it is known by now that this page may not sound
     this.wanted = localStorage.getItem(WANTED) === "on";
     this.heard = 0;
     this.last = "";
     for (const kind of ["pointerdown", "keydown"]) addEventListener(kind, () => { if (this.wanted) this.open(); }, { capture: true, passive: true });
     if (this.wanted) this.open();
     this.tell();
+    setTimeout(() => { this.isDecided = true; this.tell(); }, DECIDES_MS);
   }
 
   get state() {

@@ -1,6 +1,6 @@
 /* Asking the console: JSON in and out; what is refused is an Error with the console's own sentence. */
 
-export class Refused extends Error {
+class Refused extends Error {
   /** `details` is all that the console answered, as both versions of a conflict. */
   constructor(sentence, status, details = {}) {
     super(sentence);

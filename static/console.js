@@ -5,7 +5,7 @@ import { $, el, icon, onChange, setText } from "./dom.js";
 import { Graph, inListOrder, KIND_NAMES } from "./graph.js";
 import { History } from "./history.js";
 import { undoKeys } from "./keys.js";
-import { doubt, follow, freshnessOf, onScreen, showBadge } from "./live.js";
+import { doubt, follow, freshnessOfDevice, onScreen, showBadge } from "./live.js";
 import { refuseTwin } from "./names.js";
 import { Plots } from "./plots.js";
 import { SceneAge } from "./scene_age.js";
@@ -50,7 +50,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   if (seen === null && wantedDevice && !asked && data.roster.length) return choose(""); // it was here before the console was started anew
   if (seen && !wantedDevice) wantedDevice = seen.id; // whoever comes now, this one stays
   const age_s = seen && seen.age_s !== null ? seen.age_s + elapsed_s : null;
-  const fresh = seen ? freshnessOf(age_s, doubt(seen.age_uncertainty_s, doubt_s), seen.connected, data.limits) : "lost";
+  const fresh = seen ? freshnessOfDevice(seen, age_s, doubt(seen.age_uncertainty_s, doubt_s), data.limits) : "lost";
   device = seen && { ...seen, capture_to_screen_s: captureToScreen_s };
   for (const part of ["walker-part", "panel"]) $(part).dataset.freshness = fresh;
   showFreshness(fresh, age_s);

@@ -206,6 +206,11 @@ function showLink(linked, silence_s) {
   if (!linked) setText(banner.lastElementChild, `Silent for ${Math.round(silence_s)} s.`);
 }
 
+/** How fresh what a page shows of a device is; "not_told" before it is told anything: the walker hears first that somebody watches. */
+export function freshnessOfDevice({ is_told, connected }, age_s, uncertainty_s, limits) {
+  return is_told ? freshnessOf(age_s, uncertainty_s, connected, limits) : "not_told";
+}
+
 /** How fresh something of this age is, at the oldest that it may be: the console's own limits, counted on by this page's
  *  clock. Nothing is live while a clock on the way has not been compared (uncertainty_s is null). */
 export function freshnessOf(age_s, uncertainty_s, connected, limits) {
@@ -226,6 +231,7 @@ export function doubt(...parts_s) {
 }
 
 export const FRESHNESS = {
+  not_told: { kind: "", mark: "○", text: "…" },
   live: { kind: "good", mark: "●", text: "LIVE" },
   delayed: { kind: "warn", mark: "◐", text: "DELAYED" },
   stale: { kind: "warn", mark: "○", text: "STALE" },
@@ -233,8 +239,8 @@ export const FRESHNESS = {
 };
 
 /** The words of a badge: how fresh, and how old where it is not live. */
-export function freshnessWords(fresh, age_s) {
-  return fresh === "live" || age_s === null ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
+function freshnessWords(fresh, age_s) {
+  return fresh === "live" || fresh === "not_told" || age_s === null ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
 }
 
 /** Show how fresh something is on a badge. */

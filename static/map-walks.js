@@ -1,6 +1,6 @@
 import { get, post } from "./api.js";
 import { $, ago, badge, commandBadge, el, icon, onChange, setText } from "./dom.js";
-import { doubt, follow, FRESHNESS, freshnessOf } from "./live.js";
+import { doubt, follow, FRESHNESS, freshnessOfDevice } from "./live.js";
 import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
@@ -18,7 +18,7 @@ function showLive(data, elapsed_s, linked, doubt_s) {
   showDevices(data.devices.map(({ id, name }) => ({ id, name })));
   device = data.devices.find(({ id }) => id === wantedDevice) || data.devices[0] || null;
   const age_s = device && device.age_s !== null ? device.age_s + elapsed_s : null;
-  const fresh = device ? freshnessOf(age_s, doubt(device.age_uncertainty_s, doubt_s), device.connected, data.limits) : "lost";
+  const fresh = device ? freshnessOfDevice(device, age_s, doubt(device.age_uncertainty_s, doubt_s), data.limits) : "lost";
   $("walk").dataset.freshness = fresh;
   showFreshness(device ? FRESHNESS[fresh] : { kind: "", mark: "○", text: "no device" });
   showState(linked);

@@ -3,7 +3,7 @@
 import { AlertList } from "./alerts.js";
 import { attention, byNeed } from "./attention.js";
 import { $, badge, el, icon, metres, onChange, setText } from "./dom.js";
-import { doubt, freshnessOf, isPast, listen, showBadge } from "./live.js";
+import { doubt, freshnessOfDevice, isPast, listen, showBadge } from "./live.js";
 import { OverviewRows } from "./overview-rows.js";
 import { ready, start } from "./shell.js";
 import { decision } from "./walker.js";
@@ -13,8 +13,6 @@ new AlertList($("alerts"), { most: 3 });
 const known = new OverviewRows();
 const { rows } = known;
 const cards = new Map();
-/** In place of how fresh a row is: the walker hears first that somebody watches, and nothing of them is told before. */
-const NOT_TOLD = "not_told";
 let now_s = 0;
 let receivedAt_s = 0;
 let limits = null;
@@ -39,12 +37,12 @@ function draw(link) {
   for (const one of seen) cardOf(one.id).show(one);
   for (const [id, card] of cards) if (!rows.has(id)) { card.node.remove(); cards.delete(id); }
   arrange(seen);
-  showCounts({ all: seen.length, told: seen.filter(({ fresh }) => fresh !== NOT_TOLD).length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
+  showCounts({ all: seen.length, told: seen.filter(({ fresh }) => fresh !== "not_told").length, guided: seen.filter(({ rank }) => rank <= 6).length, need: seen.filter(({ rank }) => rank <= 5).length, linked: link.isLinked });
 }
 
 function seenOf(id, row, console_s, doubt_s) {
   const age_s = row.captured_s === null ? null : Math.max(0, console_s - row.captured_s);
-  const fresh = row.is_told ? freshnessOf(age_s, doubt(row.uncertainty_s, doubt_s), row.connected, limits) : NOT_TOLD;
+  const fresh = freshnessOfDevice(row, age_s, doubt(row.uncertainty_s, doubt_s), limits);
   const [rank, why] = attention(row, fresh);
   return { id, row, age_s, fresh, rank, why, name: row.name };
 }
@@ -91,24 +89,17 @@ class Card {
     const need = rank <= 2 ? "bad" : rank <= 5 ? "warn" : "";
     if (node.dataset.need !== need) node.dataset.need = need;
     setText(this.name, row.name);
-    this.showFreshness(fresh, age_s);
+    showBadge(this.fresh, fresh, age_s);
     const { sign, words } = whatIs(row, fresh);
     this.drawSign(sign);
     setText(this.action, words);
     setText(this.why, why || (isPast(fresh) ? "" : row.mode_sentence) || "");
     this.drawFacts(row.mode ? facts(row) : []);
   }
-
-  showFreshness(fresh, age_s) {
-    if (fresh !== NOT_TOLD) return showBadge(this.fresh, fresh, age_s);
-    this.fresh.className = "badge";
-    this.fresh.dataset.mark = "○";
-    return setText(this.fresh, "…");
-  }
 }
 
 function whatIs(row, fresh) {
-  if (fresh === NOT_TOLD) return { sign: "ready", words: "…" };
+  if (fresh === "not_told") return { sign: "ready", words: "…" };
   return row.mode ? decision(row, row.destination, fresh) : { sign: "lost", words: "Has sent nothing yet" };
 }
 

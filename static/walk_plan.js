@@ -5,7 +5,7 @@ import { Plan } from "./plan.js";
 import { svg } from "./walk_words.js";
 
 /** Layers over the map: a word, and whether they are drawn at first. */
-export const LAYERS = {
+const LAYERS = {
   deviation: { words: "Deviation along the road", on: true },
   stops: { words: "Stops", on: true },
   weak: { words: "Position weak", on: true },

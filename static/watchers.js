@@ -66,7 +66,7 @@ export class WatchersPanel {
 }
 
 /** "You are watching; Anna too. The walker has been told." Of a device that was not heard of late nothing is said of what the walker heard. */
-export function watchersSentence(watchers, me, fresh) {
+function watchersSentence(watchers, me, fresh) {
   if (!watchers.length) return "Nobody is counted as watching yet.";
   const others = watchers.map(({ name }) => name).filter((name) => name !== me);
   const names = new Intl.ListFormat("en").format(others);
@@ -77,7 +77,7 @@ export function watchersSentence(watchers, me, fresh) {
 }
 
 /** What the walker has answered to who asked last, as far as it is known; empty where it was long ago. */
-export function answerSentence({ commands, sharing }, me, elapsed_s) {
+function answerSentence({ commands, sharing }, me, elapsed_s) {
   const asked = (commands ?? []).filter(({ kind, who }) => kind === "ask_colour" && who === me).at(-1);
   const age_s = asked ? asked.age_s + elapsed_s : Infinity;
   if (age_s > ANSWER_SHOWN_S) return "";

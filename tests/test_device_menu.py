@@ -12,7 +12,7 @@ import pytest
 from device_hall import Rig
 
 from device_agent.led_by import REFUSE_WITHIN_S
-from device_agent.menu import MAIN_LONG, MAIN_SHORT, OPEN_FOR_S, OTHERS, places, pressed
+from device_agent.menu import MAIN_LONG, MAIN_SHORT, OPEN_FOR_S, OTHERS, SET_OFF_WITHIN_S, places, pressed
 from device_agent.orders import carry_out
 from device_agent.ports import Button, ButtonPress, PressKind
 from device_agent.state import (
@@ -101,6 +101,9 @@ def test_the_main_button_opens_the_list_at_the_nearest_place_and_chooses_it() ->
     assert heard(step) == ["the bar, 8 metres. 2 of 5."]
     step = press(step[0], Button.NEXT)
     assert heard(step) == ["Wash room, 26 metres. 3 of 5."]
+    step = press(step[0], Button.MAIN)
+    assert heard(step) == ["Wash room, 26 metres. Press again to set off."]
+    assert step[0].wanted_id is None
     state, effects = press(step[0], Button.MAIN)
     assert heard((state, effects)) == ["To Wash room."]
     assert (state.mode, state.wanted_id, state.menu) == (Mode.GUIDING, "wash", None)
@@ -108,9 +111,12 @@ def test_the_main_button_opens_the_list_at_the_nearest_place_and_chooses_it() ->
 
 
 def test_the_list_goes_round_and_names_last_what_cannot_be_reached() -> None:
-    step = press(standing(), Button.PREVIOUS)
-    assert heard(step) == ["Places by distance. Loft. 5 of 5."]
-    assert heard(press(step[0], Button.NEXT)) == ["Hall, 2 metres. 1 of 5."]
+    privacy = press(standing(), Button.PREVIOUS)
+    assert heard(privacy) == ["Privacy. Press the main button to open it."]
+    assert heard(press(privacy[0], Button.NEXT)) == ["Hall, 2 metres. 1 of 5."]
+    loft = press(privacy[0], Button.PREVIOUS)
+    assert heard(loft) == ["Loft. 5 of 5."]
+    assert heard(press(loft[0], Button.NEXT)) == heard(privacy)
     assert [poi.id for poi in places(standing(), "distance")] == ["hall", "bar", "wash", "annex", "loft"]
     assert [poi.id for poi in places(standing(), "name")] == ["annex", "hall", "loft", "bar", "wash"], "as it is called"
 
@@ -123,7 +129,8 @@ def test_the_list_keeps_its_order_while_it_is_open_however_far_the_walker_goes_m
         assert state.menu is not None
         named.append(state.menu.entry_id)
     assert named == ["hall", "bar", "wash", "annex", "loft"], "each once, though the nearest is another by now"
-    state, said = press(replace(state, graph=replace_pois(GRAPH, without="hall")), Button.NEXT)
+    state, _ = press(replace(state, graph=replace_pois(GRAPH, without="hall")), Button.NEXT)
+    state, said = press(state, Button.NEXT)
     assert heard((state, said)) == ["the bar, 9 metres. 1 of 4."], "a place that is gone is left out"
 
 
@@ -133,22 +140,41 @@ def replace_pois(graph: PoiGraph, *, without: str) -> PoiGraph:
     return PoiGraph(graph.version + 1, pois, edges)
 
 
-def test_a_held_next_sorts_by_name_then_opens_privacy_and_again_sorts_by_distance() -> None:
+def test_nobody_is_led_anywhere_by_one_press_nor_by_two_with_another_or_too_long_between() -> None:
+    state, _ = press(standing(), Button.NEXT)
+    asked, _ = press(state, Button.MAIN)
+    moved, _ = press(asked, Button.NEXT)
+    assert heard(press(moved, Button.MAIN)) == ["the bar, 8 metres. Press again to set off."], "another place"
+    late = press(asked, Button.MAIN, now_s=SET_OFF_WITHIN_S + 0.1)
+    assert heard(late) == ["Hall, 2 metres. Press again to set off."], "it is asked again"
+    assert press(late[0], Button.MAIN, now_s=SET_OFF_WITHIN_S + 5.0)[0].wanted_id == "hall"
+    closed, _ = press(asked, Button.MAIN, PressKind.LONG)
+    assert heard(press(closed, Button.MAIN)) == ["Places by distance. Hall, 2 metres. 1 of 5."]
+    gone = press(replace(asked, graph=replace_pois(GRAPH, without="hall")), Button.MAIN, now_s=1.0)
+    assert heard(gone) == ["the bar. 1 of 4."], "the place is there no more"
+    assert gone[0].wanted_id is None
+    nowhere, _ = press(standing(Mode.LOCALIZING, located(quality=LOST)), Button.NEXT)
+    assert heard(press(nowhere, Button.MAIN)) == ["Annex. Press again to set off."], "the way is not known yet"
+    chinese, _ = press(standing(language="zh"), Button.NEXT)
+    assert heard(press(chinese, Button.MAIN)) == ["Hall,距离2米。再按一次出发。"]
+
+
+def test_a_held_next_sorts_by_name_and_again_by_distance_and_leads_from_privacy_to_the_places() -> None:
     step = press(standing(), Button.NEXT)
     step = press(step[0], Button.NEXT, PressKind.LONG)
     assert heard(step) == ["Places by name. Annex. 1 of 5."]
     assert heard(press(step[0], Button.NEXT)) == ["Hall, 2 metres. 2 of 5."]
-    step = press(step[0], Button.NEXT, PressKind.LONG)
+    by_distance = press(step[0], Button.NEXT, PressKind.LONG)
+    assert heard(by_distance) == ["Places by distance. Hall, 2 metres. 1 of 5."]
+    step = press(press(by_distance[0], Button.PREVIOUS)[0], Button.MAIN)
     assert heard(step) == ["Privacy. There is no link to the console. It is not known who watches."]
-    assert heard(press(step[0], Button.NEXT, PressKind.LONG)) == ["Places by distance. Hall, 2 metres. 1 of 5."]
+    assert heard(press(step[0], Button.NEXT, PressKind.LONG)) == heard(by_distance)
 
 
 @pytest.mark.parametrize("where", [located(quality=LOST), located(quality=UNSURE)])
 def test_without_a_sure_position_the_list_is_by_name_and_tells_no_distance(where: Localization) -> None:
     step = press(standing(Mode.LOCALIZING, where), Button.MAIN)
     assert heard(step) == ["Places by name. Annex. 1 of 5."]
-    step = press(step[0], Button.NEXT, PressKind.LONG)
-    assert heard(step)[0].startswith("Privacy.")
     assert heard(press(step[0], Button.NEXT, PressKind.LONG)) == ["Places by name. Annex. 1 of 5."]
 
 
@@ -156,11 +182,14 @@ def test_the_place_where_one_stands_is_here() -> None:
     assert heard(press(standing(where=located(10.3)), Button.MAIN)) == ["Places by distance. the bar, here. 1 of 5."]
 
 
-def test_a_site_without_places_says_so() -> None:
+def test_a_site_without_places_says_so_and_leads_to_privacy_all_the_same() -> None:
     state = replace(standing(), graph=PoiGraph())
+    said = ["There is no place to go to. Privacy. Press the main button to open it."]
     for button in (Button.MAIN, Button.NEXT, Button.PREVIOUS):
-        assert heard(press(state, button)) == ["There is no place to go to."]
-    assert heard(press(state, Button.NEXT, PressKind.LONG)) == ["There is no place to go to."]
+        assert heard(press(state, button)) == said
+    step = press(state, Button.NEXT, PressKind.LONG)
+    assert heard(step) == said
+    assert heard(press(step[0], Button.MAIN))[0].startswith("Privacy. There is no link")
 
 
 def test_the_list_closes_by_itself_and_by_the_held_main_button() -> None:
@@ -183,7 +212,8 @@ def test_a_place_that_is_gone_from_a_new_graph_does_not_lead_anywhere_else() -> 
 
 def test_whoever_is_led_may_choose_another_place_and_is_led_on_meanwhile() -> None:
     state, _ = press(leading(), Button.NEXT)
-    assert state.mode is Mode.GUIDING
+    state, _ = press(state, Button.MAIN)
+    assert (state.mode, state.destination_id, state.wanted_id) == (Mode.GUIDING, "wash", None)
     state, effects = press(state, Button.MAIN)
     assert (state.mode, state.destination_id, state.wanted_id) == (Mode.GUIDING, "wash", "hall")
     assert heard((state, effects)) == ["To Hall."]
@@ -194,6 +224,7 @@ def test_where_nothing_can_be_chosen_the_reason_is_said(mode: Mode) -> None:
     for button in (Button.NEXT, Button.PREVIOUS):
         (reason,) = heard(press(standing(mode), button))
         assert reason.startswith("You are off duty." if mode is Mode.OFF_DUTY else "A map is being recorded.")
+    assert heard(press(standing(mode), Button.NEXT, PressKind.LONG))[0].startswith("Privacy. There is no link")
 
 
 def test_every_press_is_answered_in_every_state() -> None:
@@ -278,7 +309,7 @@ def test_an_uncertain_position_is_said_to_be_one_and_a_lost_one_is_not_told_at_a
 
 def test_it_is_told_in_chinese_as_well() -> None:
     assert whereabouts(standing(where=located(7.0), language="zh"), 0.0) == "the bar在正前方,距离3米。"
-    assert heard(press(standing(language="zh"), Button.MAIN)) == ["地点按距离排列。Hall,2米。第1个,共5个。"]
+    assert heard(press(standing(language="zh"), Button.MAIN)) == ["地点按距离排列。Hall,距离2米。第1个,共5个。"]
 
 
 def test_who_has_no_named_place_near_hears_that() -> None:
@@ -296,6 +327,7 @@ def test_a_walk_from_start_to_stop_by_buttons_alone(rig: Rig) -> None:
     rig.cycles(2)
     assert rig.press(Button.MAIN) == ["Places by distance. Hall, here. 1 of 2."]
     assert rig.press(Button.NEXT) == ["Bar, 20 metres. 2 of 2."]
+    assert rig.press(Button.MAIN) == ["Bar, 20 metres. Press again to set off."]
     assert rig.press(Button.MAIN)[0] == "To Bar."
     assert rig.cycles(8)[-1].guidance.action is Action.WALK
     rig.cycles(30)
@@ -323,6 +355,7 @@ def test_the_last_order_wins_whoever_gives_it_and_both_hear_of_it(rig: Rig) -> N
     rig.cycles(6)
     assert "The console leads you to Bar." in [cue.text for cue in rig.output.cues]
     rig.press(Button.NEXT)
+    rig.press(Button.MAIN)
     rig.press(Button.MAIN)
     rig.cycles(6)
     assert rig.agent.state.destination_id == "hall"

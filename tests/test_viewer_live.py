@@ -202,7 +202,7 @@ def test_a_device_that_is_gone_is_never_shown_as_live(browser: FakeBrowser, devi
     gone = view_of(dataclasses.replace(device, connected=False), 100.1)
     draw(browser, gone)
     assert node(browser, "/walker/cue").text.startswith("LOST")
-    assert "LOST" in status(gone, PoiGraph())
+    assert "LOST" in status(gone, PoiGraph(), is_there=True)
 
 
 def test_a_lost_pose_shows_no_walker_at_all(browser: FakeBrowser, device: LiveDevice) -> None:
@@ -211,7 +211,7 @@ def test_a_lost_pose_shows_no_walker_at_all(browser: FakeBrowser, device: LiveDe
     draw(browser, view_of(lost, 100.3))
     assert not node(browser, "/walker").visible
     assert not node(browser, "/live/position").visible
-    assert "The place in the map is not known." in status(view_of(lost, 100.3), PoiGraph())
+    assert "The place in the map is not known." in status(view_of(lost, 100.3), PoiGraph(), is_there=True)
 
 
 def test_an_unchanged_view_sends_nothing(browser: FakeBrowser, device: LiveDevice) -> None:
@@ -223,10 +223,10 @@ def test_an_unchanged_view_sends_nothing(browser: FakeBrowser, device: LiveDevic
 
 def test_words_of_a_device_are_escaped_in_the_panel(device: LiveDevice) -> None:
     evil = dataclasses.replace(device, name="<img src=x onerror=1>", state=None)
-    assert "<img" not in status(view_of(evil, 100.0), PoiGraph())
+    assert "<img" not in status(view_of(evil, 100.0), PoiGraph(), is_there=True)
     spoken = state_at(100.0)
     state = WalkerState(**{f: getattr(spoken, f) for f in spoken.__struct_fields__} | {"last_cue": "<script>"})
-    assert "<script>" not in status(view_of(dataclasses.replace(device, state=state), 100.0), PoiGraph())
+    assert "<script>" not in status(view_of(dataclasses.replace(device, state=state), 100.0), PoiGraph(), is_there=True)
 
 
 def test_a_trail_grows_with_the_walk_and_starts_anew_after_a_jump() -> None:
@@ -280,6 +280,33 @@ def test_an_editor_guides_the_walker_from_the_panel_of_a_place(
     assert isinstance(first, SetDestination)
     assert (first.poi_id, first.who) == ("bar", "Ada")
     assert [type(message) for message in outlet.sent[1:]] == [Pause, ClearDestination, Repeat]
+
+
+@pytest.mark.parametrize("browser", ["editor"], indirect=True)
+def test_who_is_on_their_way_is_led_elsewhere_or_no_more_only_after_a_question(
+    browser: FakeBrowser, scene_and_services: tuple[Scene, Services]
+) -> None:
+    services = scene_and_services[1]
+    outlet = connect_device(services)
+    led = WalkerState(0.1, "localized", "walk", "ok", mode=Mode.GUIDING, destination_id="lift", destination_by="Bea")
+    services.hub.receive("glasses", led)
+    browser.tick()
+    browser.click_poi("bar")
+    names = {key: poi.name for key, poi in services.model.published.pois.items()}
+    for answer, sent in ((f"Keep {names['lift']}", 0), (f"Guide to {names['bar']}", 1)):
+        browser.set_widget("Guide the walker here", True)
+        assert len(outlet.sent) == 0, "it is asked first"
+        browser.set_widget(answer, True)
+        assert len([each for each in outlet.sent if isinstance(each, SetDestination)]) == sent
+    browser.set_widget("Guidance", "Stop")
+    browser.key("escape")
+    assert not any(isinstance(each, ClearDestination) for each in outlet.sent)
+    browser.set_widget("Guidance", "Stop")
+    browser.set_widget("Stop guiding", True)
+    assert isinstance(outlet.sent[-1], ClearDestination)
+    services.hub.receive("glasses", msgspec.structs.replace(led, destination_id="bar"))
+    browser.set_widget("Guide the walker here", True)
+    assert len([each for each in outlet.sent if isinstance(each, SetDestination)]) == 2, "they are on the way there"
 
 
 @pytest.mark.parametrize("browser", ["viewer", "technician"], indirect=True)
@@ -424,7 +451,7 @@ def test_every_state_of_a_device_has_a_clear_label_in_the_scenes_panel(mode: Mod
     state = WalkerState(100.0, "localized", action, "ok", direction_rad=0.0, mode=mode)
     hello = Hello(2, "glasses", "0.1", "site", "x", 1, 0, 100.0)
     device = LiveDevice("glasses", "Glasses", hello, True, 100.0, 0.0, state=state)
-    shown = status(view_of(device, 100.0), PoiGraph())
+    shown = status(view_of(device, 100.0), PoiGraph(), is_there=True)
     assert mode.label in shown
     assert f">{mode.value}<" not in shown, "people read no identifiers"
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
+from typing import Literal
 
 from console_room import DEFAULTS, DialledDevice, hello_of
 from websockets.exceptions import ConnectionClosed
@@ -37,6 +39,7 @@ class WalkingDevice:
         token = server.services.devices.create_token("Glasses of Ada", "test")
         self.link = DialledDevice(server.ready.url, token, hello_of(server))
         self.now_s = server.services.hub.now_s
+        self._sequence = itertools.count(1)
         self.link.send(SettingsRunning(0, dict(DEFAULTS)))
         self.send_state()
         self._thread = threading.Thread(target=self._answer_all, daemon=True)
@@ -48,6 +51,10 @@ class WalkingDevice:
         action, reason = ("walk", "ok") if mode is Mode.GUIDING else ("stop", _REASONS.get(mode, "no_route"))
         state = WalkerState(self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id)
         self.link.send(state)
+
+    def tell(self, kind: Literal["cue", "watchdog"], text: str) -> None:
+        """Tell of something that has happened."""
+        self.link.send(Event(next(self._sequence), self.now_s(), kind, text))
 
     def vanish(self) -> None:
         """Break the link."""
@@ -71,9 +78,9 @@ class WalkingDevice:
                 self.link.send(RouteChanged(self.now_s()))
                 self.send_state()
             case Say(text):
-                self.link.send(Event(2, self.now_s(), "cue", text))
+                self.tell("cue", text)
             case SetDestination(poi_id):
                 self.link.send(RouteChanged(self.now_s(), ((0.0, 0.0), (6.0, 0.0)), (("Bar", 6.0),), poi_id))
                 self.send_state(poi_id)
             case Repeat():
-                self.link.send(Event(1, self.now_s(), "cue", "Move forward."))
+                self.tell("cue", "Move forward.")

@@ -118,6 +118,11 @@ def inline_scripts(html: str) -> list[str]:
 
 
 def _policy(scripts: list[str]) -> str:
+    """Return the policy. It refuses ``eval``, so a browser's log has one EvalError of each scene that is opened.
+
+    That is viser's sorter of Gaussian splats (Sorter.wasm, whose glue makes functions of strings): its client makes it
+    ready whether or not there are any. Nothing here draws splats, and no switch of viser's leaves it out.
+    """
     hashes = " ".join(f"'sha256-{base64.b64encode(hashlib.sha256(s.encode()).digest()).decode()}'" for s in scripts)
     return (
         f"default-src 'none'; script-src {hashes} 'strict-dynamic' 'wasm-unsafe-eval'; worker-src blob:; "

@@ -187,6 +187,8 @@ class SessionView:
             # What lies on top goes; what was begun below it stays.
             self._close_help()
             return
+        if self.walker_panel.question.close():
+            return
         self.keyboard.forget()
         self.editor.escape()
 

@@ -14,6 +14,7 @@ from console.live_panel import reason_sentence
 from console.roles import EDITING, SignedIn
 from console.viewer.appearance import age_text
 from console.viewer.live_view import LiveView, direction_words
+from console.viewer.question import Question
 from console.viewer.widgets import at_once, on_change, on_choice, on_press, set_value
 from console.viewer.wording import status_card
 from navcore.errors import VbrError
@@ -37,7 +38,10 @@ class WalkerPanel:
         self.device_id: str | None = None
         self._names: dict[str, str] = {}
         self._poi_ids: dict[str, str] = {}
+        self._graph = PoiGraph()
         gui = client.gui
+        self.question = Question(gui)
+        """What is asked before somebody who is on their way is led elsewhere, or no more."""
         self._devices = gui.add_dropdown("Walker", (_NOWHERE,), visible=False)
         self._status = gui.add_html("")
         self._may_guide = person.role in EDITING
@@ -47,12 +51,11 @@ class WalkerPanel:
         on_change(self._devices, self._choose_device, at_once)
         on_press(self._guide, self._guide_there, at_once)
         who = person.user_name
-        orders = {"Pause": hub.pause, "Resume": hub.resume, "Stop": hub.clear, "Repeat": hub.repeat}
-        on_choice(
-            self._pause,
-            {word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()},
-            at_once,
-        )
+        orders = {"Pause": hub.pause, "Resume": hub.resume, "Repeat": hub.repeat}
+        choices: dict[str, Callable[[], object]] = {
+            word: partial(self._command, partial(_ordered, order, who)) for word, order in orders.items()
+        }
+        on_choice(self._pause, choices | {"Stop": self._stop_guiding}, at_once)
 
     def _choose_device(self) -> None:
         self.device_id = next((key for key, name in self._names.items() if name == self._devices.value), None)
@@ -65,14 +68,46 @@ class WalkerPanel:
             self.guide_to(poi_id)
 
     def guide_to(self, poi_id: str) -> None:
-        """Ask the device to lead the walker to a place."""
-        self._command(lambda device_id: self._hub.set_destination(device_id, poi_id, self._person.user_name))
+        """Ask the device to lead the walker to a place; whoever is on their way elsewhere is not by one click."""
+        device = self._led_device()
+        guide = partial(self._command, lambda at: self._hub.set_destination(at, poi_id, self._person.user_name))
+        if device is None or device.state is None or device.state.destination_id in (None, poi_id):
+            return guide()
+        there, before, by = self._name(poi_id), self._name(device.state.destination_id), device.state.destination_by
+        whose = f"{by} has chosen that." if by else f"{device.name} has chosen that themselves."
+        return self.question.ask(
+            f"Lead {device.name} elsewhere?",
+            f"{device.name} is on the way to {before}. {whose} The walker hears who leads them, and can refuse.",
+            yes=f"Guide to {there}", no=f"Keep {before}", action=partial(guide, device.device_id),
+        )  # fmt: skip
 
-    def _command(self, order: Callable[[str], object]) -> None:
+    def _stop_guiding(self) -> None:
+        device = self._led_device()
+        stop = partial(self._command, lambda at: self._hub.clear(at, self._person.user_name))
+        if device is None or device.state is None:
+            return stop()
+        where = f" to {self._name(device.state.destination_id)}" if device.state.destination_id else ""
+        return self.question.ask(
+            "Stop guiding?",
+            f"{device.name} is on the way{where}. The walker is told that guidance has ended, and stands without it.",
+            yes="Stop guiding", no="Go on guiding", action=partial(stop, device.device_id),
+        )  # fmt: skip
+
+    def _led_device(self) -> LiveDevice | None:
+        """Return the device that is shown, where this person may guide its walker and somebody is led just now."""
+        device = next((each for each in self._hub.devices() if each.device_id == self.device_id), None)
+        return device if device is not None and device.leads_somebody and self._may_guide else None
+
+    def _name(self, poi_id: str | None) -> str:
+        poi = self._graph.pois.get(poi_id or "")
+        return poi.name if poi is not None else poi_id or "nowhere"
+
+    def _command(self, order: Callable[[str], object], device_id: str | None = None) -> None:
+        """Give an order to a device, by default to the one that is shown, and say why where it cannot be given."""
         try:
             if not self._may_guide:
                 raise ForbiddenError("Your role may watch the walker, and not guide them: ask an editor.")
-            order(self.device_id or "")
+            order(device_id or self.device_id or "")
         except VbrError as error:
             self._tell("Not sent", str(error))
 
@@ -80,7 +115,8 @@ class WalkerPanel:
         """Bring the widgets in line with what is known now."""
         self._show_devices(devices)
         self._show_places(graph)
-        self._status.content = status(view, graph)
+        is_there = any(device.device_id == self.device_id for device in devices)
+        self._status.content = status(view, graph, is_there=is_there)
         idle = view.device is None or not view.device.connected
         self._guide.disabled = idle
 
@@ -105,6 +141,7 @@ class WalkerPanel:
             set_value(self._devices, self._names[device_id])
 
     def _show_places(self, graph: PoiGraph) -> None:
+        self._graph = graph
         poi_ids = {poi.name: poi.id for poi in sorted(graph.pois.values(), key=lambda poi: poi.name) if poi.on_road}
         if poi_ids == self._poi_ids:
             return
@@ -114,9 +151,11 @@ class WalkerPanel:
         set_value(self._target, next((name for name, poi_id in poi_ids.items() if poi_id == chosen), _NOWHERE))
 
 
-def status(view: LiveView, graph: PoiGraph) -> str:
-    """Return how the walker is, as HTML."""
+def status(view: LiveView, graph: PoiGraph, *, is_there: bool) -> str:
+    """Return how the walker is, as HTML; of a device that ``is_there`` nothing is shown before it knows who watches."""
     device, state = view.device, view.state
+    if is_there and (device is None or not device.has_told(view.now_s)):
+        return status_card("…", "Not told yet.", ())
     if device is None:
         return status_card("lost", "No device has connected yet.", ())
     if state is None:

@@ -35,7 +35,7 @@ KEYS: Mapping[str, tuple[Button, PressKind]] = {
 }
 """What the terminal sends for a key, and what it means."""
 KEY_NAMES = (
-    ("space, Enter, m", "main: choose a place, pause, go on"),
+    ("space, Enter, m", "main: choose a place, and again: set off; pause, go on"),
     ("s, M", "main, held: stop; off duty"),
     ("→, ↓, n", "next place"),
     ("←, ↑, p", "previous place"),

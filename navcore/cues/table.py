@@ -107,7 +107,8 @@ _ANSWERS = (
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),
-    "menu_by_distance", "menu_by_name", "menu_entry", "menu_entry_here", "menu_entry_unknown", "menu_closed",
+    "menu_by_distance", "menu_by_name", "menu_place", "menu_place_here", "menu_entry", "menu_set_off", "menu_privacy",
+    "menu_closed",
     "menu_empty",
     "where_here", "where_near", "where_goal", "where_next", "where_unknown", "where_last", "where_no_place",
     "colour_allowed", "colour_refused", "privacy_list", "privacy_nobody", "privacy_unknown", "privacy_accesses",

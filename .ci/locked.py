@@ -1,11 +1,14 @@
 """What the lock files say: every distribution with its versions and hashes, and who needs it.
 
+    .ci/locked.py [EXTRA ...]        the lock of the base install and these extras alone
+
 Reads the lock files and ``pyproject.toml`` alone, and needs nothing but Python itself.
 """
 
 from __future__ import annotations
 
 import re
+import sys
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -43,7 +46,7 @@ def normal(name: str) -> str:
 
 
 def read_lock(path: Path) -> list[Pin]:
-    """Return what a lock file pins. Raises LockError for a line that is none of pip-compile's, or a pin without hashes."""
+    """Return what a lock file pins. Raises LockError for a line of another kind, or a pin without hashes."""
     pins: list[Pin] = []
     head: tuple[str, str, str] | None = None
     hashes: list[tuple[str, str]] = []
@@ -133,7 +136,9 @@ def subset(extras: Iterable[str], root: Path = ROOT) -> str:
     asked = list(extras)
     unknown = sorted(set(asked) - set(project(root)))
     if unknown:
-        raise LockError(f"There is no extra {unknown[0]!r}: choose among {', '.join(sorted(set(project(root)) - {''}))}.")
+        raise LockError(
+            f"There is no extra {unknown[0]!r}: choose among {', '.join(sorted(set(project(root)) - {''}))}."
+        )
     pins = all_pins(root)
     names = needed_by(["", *asked], pins, root)
     lines = []
@@ -143,3 +148,10 @@ def subset(extras: Iterable[str], root: Path = ROOT) -> str:
             hashes = [f"    --hash={algorithm}:{digest}" for algorithm, digest in pin.hashes]
             lines.append(" \\\n".join([f"{pin.name}=={pin.version}{marker}", *hashes]))
     return "\n".join(lines) + "\n"
+
+
+if __name__ == "__main__":
+    try:
+        sys.stdout.write(subset(sys.argv[1:]))
+    except LockError as error:
+        sys.exit(str(error))

@@ -1,7 +1,7 @@
 """Who may call what, row by row: ``console.rules`` and ``console.roles`` against one statement that reads neither.
 
-The statement is written from docs/architecture.md ("Who may do what"). Pure, so that a fault in any row can be put in and
-looked for within milliseconds (.ci/mutants); that the guard does what the rows say is shown by real requests elsewhere.
+Pure, so that a fault in any row can be put in and looked for within milliseconds (.ci/mutants); that the guard does what
+the rows say is shown by real requests elsewhere.
 """
 
 from __future__ import annotations
@@ -116,7 +116,13 @@ def test_devices_have_their_own_routes_and_no_other() -> None:
 def test_the_sets_of_roles_are_those_of_the_statement() -> None:
     """Forms, and the scene, ask them directly."""
     assert set(ROLES) == set(MAY) - {"nobody", "device"}
-    for group, roles in {"look": SIGNED_IN, "edit": EDITING, "tune": TUNING, "map": MAPPING, "manage": MANAGING}.items():
+    for group, roles in {
+        "look": SIGNED_IN,
+        "edit": EDITING,
+        "tune": TUNING,
+        "map": MAPPING,
+        "manage": MANAGING,
+    }.items():
         assert roles == {role for role in ROLES if group in MAY[role].split()}, group
 
 

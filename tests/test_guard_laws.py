@@ -99,8 +99,7 @@ class Door:
         try:
             with client.websocket_connect(path, headers=self.headers(who, **headers)) as socket:
                 socket.receive_text()
-        except WebSocketDisconnect as refused:
-            assert refused.code in (4401, 4403)
+        except WebSocketDisconnect:
             return False
         return True
 
@@ -160,9 +159,7 @@ def application(parts: Parts) -> Starlette:
         ("GET", "/surprise", 403, 403, 403, 403), ("GET", "/nothing", 404, 404, 404, 404),
     ],
 )  # fmt: skip
-def test_who_is_let_in(
-    door: Door, method: str, path: str, nobody: int, viewer: int, admin: int, device: int
-) -> None:
+def test_who_is_let_in(door: Door, method: str, path: str, nobody: int, viewer: int, admin: int, device: int) -> None:
     for who, status in {"": nobody, "viewer": viewer, "admin": admin, "device": device}.items():
         answer = door.call(method, path, who)
         assert answer.status_code == status, f"{who}: {answer.text}"

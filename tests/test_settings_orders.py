@@ -50,14 +50,13 @@ def test_each_is_kept_at_its_very_edge(lower: str, relation: str, upper: str) ->
 @pytest.mark.parametrize(
     ("lower", "low", "upper", "high", "said"),
     [
-        ("obstacle.stop_distance_m", 1.0, "gate.clearance_m", 0.5, "(1 m) must be less than gate.clearance_m (0.5 m): "),
+        ("obstacle.stop_distance_m", 1.0, "gate.clearance_m", 0.5,
+         "(1 m) must be less than gate.clearance_m (0.5 m): "),
         ("map_walk.covered_fraction", 0.2, "map_walk.valid_depth_fraction", 0.1,
          "(0.2) must not be more than map_walk.valid_depth_fraction (0.1): "),
     ],
 )  # fmt: skip
-def test_a_refusal_says_both_values_with_their_unit(
-    lower: str, low: float, upper: str, high: float, said: str
-) -> None:
+def test_a_refusal_says_both_values_with_their_unit(lower: str, low: float, upper: str, high: float, said: str) -> None:
     order = next(o for o in ORDERS if (o.lower, o.upper) == (lower, upper))
     with pytest.raises(SettingError) as refused:
         order.check(Settings().model_copy(update=_groups({lower: low, upper: high})))

@@ -67,11 +67,11 @@ def test_fresh_is_from_a_moment_ago_until_now(age_s: float, fresh: bool) -> None
 
 
 def test_its_constants_leave_room_in_the_shortest_timeout() -> None:
-    """Two looks within the shortest time that guidance may be old, and repeats that do not cover the walker's own ears."""
+    """Several looks within the shortest time that guidance may be old; repeats that leave the walker's ears free."""
     shortest_s = spec_of("watchdog.guidance_timeout_s").low
     assert shortest_s is not None
-    assert CHECK_EVERY_S * 4 <= shortest_s
-    assert CLOCKS_DIFFER_S * 2 <= shortest_s
+    assert shortest_s >= CHECK_EVERY_S * 4
+    assert shortest_s >= CLOCKS_DIFFER_S * 2
     assert 1.0 < REPEAT_AFTER_S < 3.0
 
 

@@ -122,7 +122,7 @@ def complaints(pins: Iterable[Pin], table: Table) -> Iterator[str]:
             continue
         if not is_within(spdx(licence), permitted) and name not in table.judged:
             what = "given to others" if name in given else "only used for development"
-            yield f"{name} is {licence}, which is not permitted for what is {what}: do without, or judge it in [judged]."
+            yield f"{name} is {licence}, which is not permitted for what is {what}: do without, or judge it."
         if name in given:
             yield from _bundled_complaints(name, table)
     for name in sorted((set(table.judged) | set(table.stated)) - {pin.name for pin in pins}):

@@ -1,7 +1,7 @@
 """Who may call what, row by row: ``console.rules`` and ``console.roles`` against one statement that reads neither.
 
-Pure, so that a fault in any row can be put in and looked for within milliseconds (.ci/mutants); that the guard does what
-the rows say is shown by real requests elsewhere.
+Pure, so that a fault in any row can be put in and looked for within milliseconds (.ci/mutants); that the guard does
+what the rows say is shown by real requests elsewhere.
 """
 
 from __future__ import annotations

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import pytest
+from device_hall import Rig
 from hypothesis import given
 from hypothesis import strategies as st
 
 from device_agent.adapters.fakes import FakeHost
+from device_agent.device_process import _watch_power
 from device_agent.ports import HostHealth
 from device_agent.power_watch import (
     CHARGED_BY_PERCENT,
@@ -19,8 +23,10 @@ from device_agent.power_watch import (
     PowerWatch,
     looked,
 )
+from device_agent.sensors import Hardware
 from navcore.cues.texts import TEXTS
 from navcore.errors import VbrError
+from navcore.modes import Mode
 
 
 class Watched:
@@ -97,6 +103,19 @@ def test_who_could_not_be_told_is_told_at_the_next_look() -> None:
 def test_what_is_unknown_changes_nothing(limit: float | None, is_hot: bool, is_charging: bool | None) -> None:
     told = PowerTold(limit, 0.0, is_hot)
     assert looked(told, HostHealth(is_charging=is_charging), 1e6) == (told, ())
+
+
+def test_whoever_is_led_hears_it_and_is_led_on() -> None:
+    rig = Rig()
+    rig.lead_to()
+    camera = rig.agent._parts.camera
+    hardware = Hardware(camera, rig.sonar, rig.output, host=FakeHost(HostHealth(battery_percent=5.0)))
+    with ExitStack() as stack:
+        _watch_power(hardware, rig.agent, rig.clock, stack)
+    # Its first look comes before it heeds that it is stopped.
+    rig.cycles(60)
+    assert any(cue.text == TEXTS["en"]["battery_empty"] for cue in rig.output.cues)
+    assert rig.agent.state.mode is Mode.GUIDING
 
 
 def test_the_limits_are_those_of_the_alerts() -> None:

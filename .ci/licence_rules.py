@@ -13,7 +13,7 @@ from importlib import metadata
 from pathlib import Path
 
 from license_expression import ExpressionError, LicenseExpression, ParseError, get_spdx_licensing
-from locked import LockError, Pin, given_to_others
+from locked import ROOT, LockError, Pin, given_to_others, read_lock
 from packaging.markers import Marker
 
 TABLE = Path(__file__).resolve().parent / "licences.toml"
@@ -41,8 +41,10 @@ class Table:
     def read(cls, path: Path = TABLE) -> Table:
         """Read the table."""
         data = tomllib.loads(path.read_text(encoding="utf-8"))
-        lists = {name: frozenset(data[name]) for name in ("permitted", "development")}
-        return cls(**lists, **{name: data[name] for name in ("stated", "judged", "bundled", "bundled_judged")})
+        return cls(
+            frozenset(data["permitted"]), frozenset(data["development"]), data["stated"], data["judged"],
+            data["bundled"], data["bundled_judged"],
+        )  # fmt: skip
 
 
 def spdx(words: str) -> LicenseExpression | None:
@@ -89,7 +91,7 @@ def licence_of(name: str, table: Table) -> str:
 
 def _own_words(name: str) -> str:
     about = metadata.metadata(name)
-    for words in (about.get("License-Expression"), about.get("License")):
+    for words in (*about.get_all("License-Expression", []), *about.get_all("License", [])):
         if words and (expression := spdx(words)) is not None:
             return str(expression)
     prefix = "License :: OSI Approved :: "
@@ -140,7 +142,5 @@ def _bundled_complaints(name: str, table: Table) -> Iterator[str]:
 
 def _is_for_here(pin: Pin) -> bool:
     """Whether ``make install`` installs it on this machine; the cameras' SDKs are left out where nobody asked."""
-    from locked import ROOT, read_lock
-
     locked_names = {each.name for each in read_lock(ROOT / "requirements.lock")}
     return pin.name in locked_names and (not pin.marker or Marker(pin.marker).evaluate())

@@ -6,10 +6,12 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 # The SDKs of the depth cameras: make install CAMERAS=1
 CAMERAS ?=
+# What the glasses have: make glasses EXTRAS="realsense serial audio"
+EXTRAS ?= oak serial audio
 CAMERAS_INSTALLED := $(VENV)/.installed-cameras
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check mutants bench lock arm docs clean
+.PHONY: help install demo test check mutants bench lock arm licences sbom glasses docs clean
 
 help: ## show the commands
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -33,7 +35,7 @@ test: install ## run all tests
 check: install ## formatting, lint, types, import contracts, generated docs
 	@.ci/check $(BIN)
 
-mutants: install ## put small faults into gate and follower: a test must find each
+mutants: install ## put small faults into what safety hangs on: a test must find each
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/mutants
 
 bench: install ## measure speed, accuracy and memory (DATA: folder of the real recordings)
@@ -48,12 +50,22 @@ docs: install ## write the generated pages of docs/
 	@$(BIN)/vbr alerts --markdown > docs/alerts.md
 
 lock: install ## resolve the dependencies anew
-	@$(BIN)/python -m pip install --quiet uv
+	@$(BIN)/python -m pip install --quiet --require-hashes -r .ci/uv.lock
 	@.ci/lock $(BIN)
 
 arm: install ## resolve what the glasses need for aarch64, from wheels alone
-	@$(BIN)/python -m pip install --quiet uv
+	@$(BIN)/python -m pip install --quiet --require-hashes -r .ci/uv.lock
 	@.ci/arm $(BIN)
+
+licences: install ## list every locked package with its licence; fails where one does not go with Apache-2.0
+	@$(BIN)/python .ci/licences
+
+sbom: install ## write the bills of materials (CycloneDX) of the glasses and of everything
+	@$(BIN)/python .ci/sbom sbom/glasses.json
+	@$(BIN)/python .ci/sbom sbom/whole.json --whole
+
+glasses: install ## make dist/glasses, to be installed on a device with every hash checked (EXTRAS="oak serial audio")
+	@.ci/glasses $(BIN) $(EXTRAS)
 
 clean: ## remove the virtual environment and what the demo keeps
 	@rm -rf $(VENV) .vbr

@@ -32,6 +32,7 @@ from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.orders import Lead, Order
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
+from device_agent.power_watch import PowerWatch
 from device_agent.recording.tap import Tap
 from device_agent.sensors import Hardware, open_hardware
 from device_agent.service.notify import ServiceNotifier
@@ -111,6 +112,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
         if kept.troubles:
             agent.submit(Say(TEXTS[settings.cues.language]["storage_trouble"]))
         _take_up_privacy(options, store, kept, agent, stack)
+        _watch_power(hardware, agent, real, stack)
         walks.take_up(settings)
         if isinstance(uplink, ConsoleLink):
             agent.announce()
@@ -189,6 +191,17 @@ def _take_up_privacy(
     if kept.accesses is not None:
         agent.submit(kept.accesses)
     watch = ConsentWatch(store, _default_consent(options), agent.submit, kept.consent_stamp)
+    stack.callback(watch.stop)
+    watch.start()
+
+
+def _watch_power(hardware: Hardware, agent: DeviceAgent, clock: Clock, stack: ExitStack) -> None:
+    """Let the walker hear when the battery ends, or the glasses get hot."""
+
+    def say(key: str) -> None:
+        agent.submit(Say(TEXTS[agent.state.settings.cues.language][key]))
+
+    watch = PowerWatch(hardware.host.read, lambda: agent.state.mode is not Mode.OFF_DUTY, say, clock.now_s)
     stack.callback(watch.stop)
     watch.start()
 

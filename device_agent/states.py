@@ -262,15 +262,16 @@ class Answer:
 def answer(mode: Mode, beneath: Mode | None, event: StateEvent) -> Answer:
     """Return the table's answer to an event; ``beneath`` is None but in a fault."""
     found = STATES[mode].answers[event]
+    under = beneath or Mode.LOCALIZING
     if found.beneath:
-        under = beneath or Mode.LOCALIZING
         found = STATES[under].answers[event]
         return Answer(mode, found.to or under, found)
     if found.back:
-        return Answer(beneath or Mode.LOCALIZING, None, found)
+        return Answer(under, None, found)
     after = found.to or mode
     if after is Mode.FAULT:
-        return Answer(after, beneath or mode, found)
+        # A fault never lies over a fault: it would lead back to itself.
+        return Answer(after, under if mode is Mode.FAULT else mode, found)
     return Answer(after, None, found)
 
 

@@ -181,6 +181,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
          "way_anew", "camera_moved", "camera_agrees", "look_ahead",
          "looks_left", "looks_right", "looks_ahead", "storage_trouble",
+         "battery_low", "battery_empty", "device_hot",
          "settings_changing", "settings_back", "destination_instead"),
     ),
     CueKind.MAP_ADVICE: CueEntry(

@@ -6,6 +6,7 @@ VbrError
     ├── SignInError 401      nobody is signed in, or name and password do not match
     ├── ForbiddenError 403   the role may not do this
     ├── NotFoundError 404    there is no such thing
+    ├── TooSlowError 408     the rest of it did not come
     ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
     ├── TooLargeError 413    what was sent is larger than what is taken
     ├── TooManyError 429     asked too often
@@ -49,6 +50,12 @@ class NotFoundError(ConsoleError):
     """There is no such thing."""
 
     status = 404
+
+
+class TooSlowError(ConsoleError):
+    """The rest of it did not come."""
+
+    status = 408
 
 
 class ConflictError(ConsoleError):

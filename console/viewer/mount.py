@@ -11,14 +11,15 @@ The client makes the WebSocket's address from its page's address without the las
 from __future__ import annotations
 
 from collections.abc import Callable
-from urllib.parse import urlsplit
 
 from fastapi import FastAPI, Request, Response, WebSocket
 from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
+from console.errors import TooManyError
+from console.origin import is_same_origin
 from console.roles import SignedIn
-from console.sockets import SessionSockets
+from console.sockets import TOO_MANY_CODE, SessionSockets
 from console.viewer.embedded import SUBPROTOCOL, EmbeddedViser, client_html
 from console.viewer.page import THEME_COOKIE, ScenePage, scene_page
 
@@ -53,18 +54,16 @@ def mount(
             # Before accept(): the browser gets a plain 403, and viser never hears of it.
             await socket.close(1008)
             return
-        await socket.accept(subprotocol=SUBPROTOCOL)
-        forget = sockets.add(visitor.session_id, lambda: embedded.close_session(visitor.session_id))
         try:
+            forget = sockets.add(visitor.session_id, lambda: embedded.close_session(visitor.session_id))
+        except TooManyError as error:
+            await socket.close(TOO_MANY_CODE, str(error))
+            return
+        try:
+            await socket.accept(subprotocol=SUBPROTOCOL)
             await embedded.serve(socket, visitor, prefers_light=socket.cookies.get(THEME_COOKIE) == "light")
         finally:
             forget()
-
-
-def is_same_origin(connection: HTTPConnection) -> bool:
-    """Whether a request says that it comes from a page of this very host; a missing Origin does not."""
-    origin, host = connection.headers.get("origin"), connection.headers.get("host")
-    return bool(origin and host) and urlsplit(origin or "").netloc.lower() == (host or "").lower()
 
 
 def _page_response(page: ScenePage, request: Request) -> Response:

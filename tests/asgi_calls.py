@@ -54,10 +54,13 @@ class AsgiCalls:
 
     async def _exchange(self, scope: dict[str, Any], incoming: list[dict[str, Any]]) -> Answer:
         sent: list[dict[str, Any]] = []
-        gone = {"type": "http.disconnect"} if scope["type"] == "http" else incoming[-1]
+        stays = asyncio.Event()
 
         async def receive() -> dict[str, Any]:
-            return incoming.pop(0) if incoming else gone
+            if not incoming:
+                # Whoever has sent all of a request waits for the answer.
+                await stays.wait()
+            return incoming.pop(0)
 
         async def send(message: dict[str, Any]) -> None:
             sent.append(message)

@@ -86,7 +86,7 @@ def authorization_room(folder: Path) -> Iterator[Room]:
     store = Store.open(config.data_folder, clock)
     site = crossing_corridors(200)
     model = SiteModel(site, StoredGraphLog(store, "key", site.name), config.site_folder, clock)
-    services = build_services(config, store, model, DeviceHub(wall_s=clock))
+    services = build_services(config, store, model, DeviceHub(clock, clock))
     for name, x_m in (("Hall", 1.0), ("Bar", 19.0)):
         model.apply(AddPoi(name, "hall", x_m, 0.0), "setup")
     model.apply(AddEdge("hall", "bar"), "setup")

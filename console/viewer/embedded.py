@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import logging
 import threading
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Sequence
@@ -32,6 +33,7 @@ from viser.infra._messages import Message, get_type_hints_cached
 from console.roles import SignedIn
 from console.viewer.guard import InboundGuard, Verdict
 
+_log = logging.getLogger(__name__)
 VISER_VERSION = "1.1.1"
 SUBPROTOCOL = f"viser-v{VISER_VERSION}"
 PORTION_BYTES = 4 << 20
@@ -140,7 +142,13 @@ class EmbeddedViser:
                 self._running.pop(connection, None)
 
     async def _run(self, connection: Connection) -> None:
-        await self._handler(connection)
+        try:
+            await self._handler(connection)
+        except (TypeError, ValueError, LookupError, AttributeError, AssertionError) as error:
+            # A message of a type that may be sent, without what belongs to it: viser builds it as it comes.
+            _log.warning("The scene of %s is closed, for it sent what cannot be read: %s", connection.identity.user_name,
+                         error)  # fmt: skip
+            await connection.close(1007, "This message cannot be read.")
 
     def visitor_of(self, client: viser.ClientHandle) -> SignedIn:
         """Return who sits at a client. Raises KeyError where the client has gone."""

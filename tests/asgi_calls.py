@@ -34,13 +34,16 @@ class AsgiCalls:
     def __exit__(self, *_: object) -> None:
         self._runner.close()
 
-    def call(self, method: str, path: str, headers: Mapping[str, str], body: bytes = b"") -> Answer:
+    def call(
+        self, method: str, path: str, headers: Mapping[str, str], body: bytes = b"", *, by_tls: bool = False
+    ) -> Answer:
         """Make one request; the method ``WS`` opens a WebSocket, and closes it once it is accepted."""
         path, _, query = path.partition("?")
         sent = [(name.lower().encode(), value.encode("latin-1")) for name, value in headers.items()]
         scope = {
             "type": "websocket" if method == "WS" else "http", "asgi": {"version": "3.0"}, "http_version": "1.1",
-            "scheme": "ws" if method == "WS" else "http", "path": path, "raw_path": path.encode(), "root_path": "",
+            "scheme": ("ws" if method == "WS" else "http") + "s" * by_tls, "path": path, "raw_path": path.encode(),
+            "root_path": "",
             "query_string": query.encode(), "headers": sent, "client": ("127.0.0.1", 5), "server": ("127.0.0.1", 80),
             "state": {},
         }  # fmt: skip

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import logging
 import threading
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable, Coroutine, Iterator, Sequence
@@ -33,7 +32,6 @@ from viser.infra._messages import Message, get_type_hints_cached
 from console.roles import SignedIn
 from console.viewer.guard import InboundGuard, Verdict
 
-_log = logging.getLogger(__name__)
 VISER_VERSION = "1.1.1"
 SUBPROTOCOL = f"viser-v{VISER_VERSION}"
 PORTION_BYTES = 4 << 20
@@ -80,9 +78,9 @@ class Connection:
         while True:
             raw = await self._there(self._socket.receive_bytes())
             verdict = self._guard.judge(raw, time.monotonic())
-            if verdict is Verdict.PASS:
+            if verdict is Verdict.PASS and _has_its_fields(raw):
                 return raw
-            if verdict is Verdict.CLOSE:
+            if verdict is not Verdict.DROP:
                 await self.close(1007, "This message cannot be read.")
                 raise websockets.exceptions.ConnectionClosedOK(None, None)
 
@@ -99,6 +97,15 @@ class Connection:
         except Exception as error:
             # Whatever ends a socket (a disconnect, a server that stops) is for viser a closed connection.
             raise websockets.exceptions.ConnectionClosedOK(None, None) from error
+
+
+def _has_its_fields(raw: bytes) -> bool:
+    """Whether viser can build a message: one that lacks a field, or has another one, is an error in its handler."""
+    try:
+        viser_messages.Message.deserialize(raw)
+    except (TypeError, ValueError, LookupError, AttributeError):
+        return False
+    return True
 
 
 class EmbeddedViser:
@@ -142,13 +149,7 @@ class EmbeddedViser:
                 self._running.pop(connection, None)
 
     async def _run(self, connection: Connection) -> None:
-        try:
-            await self._handler(connection)
-        except (TypeError, ValueError, LookupError, AttributeError, AssertionError) as error:
-            # A message of a type that may be sent, without what belongs to it: viser builds it as it comes.
-            _log.warning("The scene of %s is closed, for it sent what cannot be read: %s", connection.identity.user_name,
-                         error)  # fmt: skip
-            await connection.close(1007, "This message cannot be read.")
+        await self._handler(connection)
 
     def visitor_of(self, client: viser.ClientHandle) -> SignedIn:
         """Return who sits at a client. Raises KeyError where the client has gone."""

@@ -12,6 +12,7 @@ from authorization_room import DEVICE_ID, Room, authorization_room
 from test_authorization_matrix import IN_GROUP, filled
 
 from console.api_walks import figures_csv
+from console.pages import static_folder
 from console.past_walks import PastWalk
 from console.walk_figures import Deviation, WalkFigures
 from navcore.wire import ColourImage, DepthImage, SharingRunning
@@ -93,6 +94,20 @@ def test_no_answer_leads_to_another_site(room: Room, path: str) -> None:
     assert "set-cookie" not in answer.headers
 
 
+@pytest.mark.parametrize(
+    "query",
+    [
+        "websocket=wss://evil.example", "playbackPath=https://evil.example/x.viser", "playbackPath=data:,x",
+        "%70laybackPath=data:,x", "fixedDpr=1&playbackPath=x", "&", "x", "playbackPath", "initialCameraPosition=1,2,3",
+    ],
+)  # fmt: skip
+def test_the_scene_shows_nothing_that_its_address_leads_to(room: Room, query: str) -> None:
+    answer = room.call(room.callers["viewer"], "GET", f"/viewer/scene/?{query}")
+    plain = "/viewer/scene/?fixedDpr=1" if "fixedDpr" in query else "/viewer/scene/"
+    assert (answer.status, answer.headers["location"]) == (303, plain)
+    assert room.call(room.callers["viewer"], "GET", plain).status == 200
+
+
 def test_what_is_downloaded_has_a_plain_name_whatever_the_site_is_called(room: Room) -> None:
     services = room.services
     object.__setattr__(services.model.site, "name", 'x"\r\nSet-Cookie: a=b; filename="../../evil')
@@ -135,3 +150,14 @@ def test_bodies_are_bounded_before_they_are_read(room: Room) -> None:
         headers = room.session("admin") if path == "/api/sign-out" else room.callers[caller]
         answer = room.call({**headers, "Content-Length": str(300 << 10)}, method, filled(path), b"x" * (300 << 10))
         assert answer.status == 413, f"{method} {path}: {answer.status}"
+
+
+def test_pages_make_no_markup_of_text() -> None:
+    """The pages build elements; none of the ways in which a text becomes markup, or a program, is in them."""
+    ways = re.compile(
+        r"innerHTML|outerHTML|insertAdjacentHTML|setHTML|srcdoc|document\.write|createContextualFragment|DOMParser"
+        r"|\beval\(|new Function|javascript:|setTimeout\(\s*[\"'`]"
+    )
+    scripts = sorted(static_folder().rglob("*.js"))
+    assert len(scripts) > 20
+    assert [each.name for each in scripts if ways.search(each.read_text(encoding="utf-8"))] == []

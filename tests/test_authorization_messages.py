@@ -18,6 +18,7 @@ from console_room import DEFAULTS
 from viewer_client import FakeBrowser
 from viewer_fixtures import scene_over, services_of_crossing
 
+from console.edits import AddPoi
 from console.roles import Role, SignedIn
 from console.services import Services
 from console.viewer.guard import InboundGuard, Verdict
@@ -189,3 +190,30 @@ def test_a_device_cannot_say_what_a_console_says() -> None:
             decode_from_device(raw)
         if row.direction is Direction.DOWN:
             assert f"Invalid value '{tag}'" in str(refused.value), "not even its name is known"
+
+
+def test_markup_in_names_stays_text_in_every_widget_of_the_scene(scene: tuple[Services, Scene]) -> None:
+    services, shown = scene
+    markup = "<img src=x onerror=alert(1)>"
+    poi = services.model.apply(AddPoi(markup, "room", 5.0, 0.0), markup)
+    assert poi is not None
+    person = SignedIn("elsewhere", 9, markup, "editor")
+    services.presence.say(person, "w", "tables", "editing", ("poi", "hall"))
+    browser = FakeBrowser(shown, "editor", "Eve", client_id=400)
+    try:
+        poi_id = next(key for key, each in services.model.graph.pois.items() if each.name == markup)
+        for other in ("hall", poi_id):
+            browser.click_poi(other)
+            browser.tick()
+        contents = [content for message in browser.outbox if (content := _html_of(message))]
+        assert any("&lt;img" in content for content in contents), "somebody of that name is here"
+        assert not [content for content in contents if "<img" in content]
+    finally:
+        browser.disconnect()
+
+
+def _html_of(message: Any) -> str:
+    updates = getattr(message, "updates", None)
+    if isinstance(message, viser_messages.GuiUpdateMessage) and isinstance(updates, dict):
+        return str(updates.get("content", "") or updates.get("_markdown", ""))
+    return str(getattr(message.props, "content", "")) if isinstance(message, viser_messages.GuiHtmlMessage) else ""

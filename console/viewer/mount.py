@@ -11,6 +11,7 @@ The client makes the WebSocket's address from its page's address without the las
 from __future__ import annotations
 
 from collections.abc import Callable
+from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response, WebSocket
 from fastapi.responses import RedirectResponse
@@ -25,6 +26,8 @@ from console.viewer.page import THEME_COOKIE, ScenePage, scene_page
 
 PAGE_PATH = "/viewer/scene/"
 SOCKET_PATH = "/viewer/scene"
+_QUERY = frozenset({"fixedDpr"})
+"""A coarser picture, for a computer that draws slowly."""
 Authenticate = Callable[[HTTPConnection], SignedIn | None]
 """Returns who sent a request, from its session cookie; None for nobody."""
 
@@ -45,6 +48,9 @@ def mount(
     async def viewer_page(request: Request) -> Response:
         if authenticate(request) is None:
             return RedirectResponse(sign_in_url, status_code=303)
+        query = plain_query(request)
+        if query != request.url.query:
+            return RedirectResponse(f"{PAGE_PATH}?{query}" if query else PAGE_PATH, status_code=303)
         return _page_response(page, request)
 
     @app.websocket(SOCKET_PATH)
@@ -64,6 +70,15 @@ def mount(
             await embedded.serve(socket, visitor, prefers_light=socket.cookies.get(THEME_COOKIE) == "light")
         finally:
             forget()
+
+
+def plain_query(request: Request) -> str:
+    """Return what of a query viser's client may read.
+
+    It would show, in the place of our building, any scene that its query leads to, one that is within the query as
+    well (``?playbackPath=data:…``): somebody who followed a link would see a walker who is not there.
+    """
+    return urlencode([(name, value) for name, value in request.query_params.multi_items() if name in _QUERY])
 
 
 def _page_response(page: ScenePage, request: Request) -> Response:

@@ -6,6 +6,7 @@ that is added, fails here until somebody has decided who may send it.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -16,7 +17,7 @@ import viser._messages as viser_messages
 from authorization_room import DEVICE_ID, ROLES, Room, authorization_room
 from console_room import DEFAULTS
 from viewer_client import FakeBrowser
-from viewer_fixtures import scene_over, services_of_crossing
+from viewer_fixtures import connect_device, scene_over, services_of_crossing
 
 from console.edits import AddPoi
 from console.roles import Role, SignedIn
@@ -24,6 +25,7 @@ from console.services import Services
 from console.viewer.guard import InboundGuard, Verdict
 from console.viewer.scene import Scene
 from navcore.errors import WireError
+from navcore.planning.edits import validate
 from navcore.wire import MESSAGES, SettingsRunning, decode_from_device
 from navcore.wire_row import Direction
 
@@ -210,6 +212,51 @@ def test_markup_in_names_stays_text_in_every_widget_of_the_scene(scene: tuple[Se
         assert not [content for content in contents if "<img" in content]
     finally:
         browser.disconnect()
+
+
+HOSTILE: tuple[Any, ...] = (
+    True, False, float("nan"), float("inf"), -1e9, 1e300, 10**18, "", "<b>", "x" * 4000, "no such choice"
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("role", ["viewer", "technician", "editor"])
+def test_no_value_of_any_widget_and_no_shortcut_does_more_than_the_role_may(role: Role, tmp_path: Path) -> None:
+    """Disabled and hidden widgets as well, with values that no hand could choose: viser holds none of that back."""
+    with services_of_crossing(tmp_path, 200) as services, scene_over(services) as shown:
+        outlet = connect_device(services)
+        services.hub.receive(DEVICE_ID, SettingsRunning(0, DEFAULTS))
+        before = services.model.graph
+        browser = FakeBrowser(shown, role, "Mallory", client_id=500)
+        try:
+            browser.tick()
+            services.watching.look()
+            browser.tick()
+            _use_everything(browser)
+            if "hall" in services.model.graph.pois:
+                browser.click_poi("hall")
+            _use_everything(browser)
+            for edge_id in tuple(services.model.graph.edges)[:1]:
+                browser.click_edge(edge_id)
+            _use_everything(browser)
+        finally:
+            browser.disconnect()
+        caused = {type(message).__name__ for message in outlet.sent} & set(ORDERS)
+        assert caused <= {name for name, (who, *_) in ORDERS.items() if role in who}
+        assert caused or role not in LEAD, "the buttons that lead the walker were pressed"
+        validate(services.model.graph)
+        if role not in LEAD:
+            assert (services.model.graph, services.model.published.version) == (before, before.version)
+
+
+def _use_everything(browser: FakeBrowser) -> None:
+    gui = browser.view.client.gui
+    for uuid, handle in tuple(gui._gui_input_handle_from_uuid.items()):
+        for value in (*HOSTILE, *getattr(handle, "options", ())):
+            with contextlib.suppress(ValueError, TypeError, OverflowError, AssertionError):
+                browser.send(viser_messages.GuiUpdateMessage(uuid, {"value": value}))
+    for uuid in tuple(gui._command_handle_from_uuid):
+        browser.send(viser_messages.CommandTriggerMessage(uuid))
+    browser.tick()
 
 
 def _html_of(message: Any) -> str:

@@ -28,6 +28,10 @@ def _add_session_routes(app: FastAPI, services: Services) -> None:
     accounts = services.accounts
 
     def start_session(request: Request, token: str) -> Response:
+        before = visitor_of(request)
+        if before is not None and not accounts.over([before.session_id]):
+            # The browser keeps one session: the one that it had would go on, and nobody could end it.
+            accounts.sign_out(before)
         response = json_response({"ok": True})
         set_session_cookie(response, request, token, SESSION_LONGEST_S)
         return response
@@ -35,12 +39,7 @@ def _add_session_routes(app: FastAPI, services: Services) -> None:
     @app.post("/api/sign-in")
     def sign_in(request: Request, body: SignInBody) -> Response:
         address = request.client.host if request.client else ""
-        token = accounts.sign_in(body.name, body.password, address)
-        before = visitor_of(request)
-        if before is not None:
-            # The browser keeps one session: the one that it had would go on, and nobody could end it.
-            accounts.sign_out(before)
-        return start_session(request, token)
+        return start_session(request, accounts.sign_in(body.name, body.password, address))
 
     @app.post("/api/sign-out")
     def sign_out(request: Request, visitor: Visitor) -> Response:

@@ -223,6 +223,16 @@ def test_signing_in_again_ends_the_session_that_the_browser_had(room: Room) -> N
         assert room.call(before, "GET", "/api/session").status == after
 
 
+def test_choosing_a_password_ends_the_session_that_the_browser_had(room: Room) -> None:
+    admin = room.session("admin")
+    link = room.services.accounts.new_admin_link_token()
+    chosen = {"token": link, "name": "Second", "password": PASSWORD}
+    assert room.call(admin, "POST", "/api/first", {**chosen, "token": "unknown"}).status == 404
+    assert room.call(admin, "GET", "/api/session").status == 200
+    assert room.call(admin, "POST", "/api/first", chosen).status == 200
+    assert room.call(admin, "GET", "/api/session").status == 401
+
+
 # -------------------------------------------------------------------------------------------------------- proxies
 @pytest.mark.parametrize("public_hosts", [frozenset(), frozenset({"console.example"})])
 def test_where_somebody_comes_from_is_believed_of_a_declared_proxy_alone(

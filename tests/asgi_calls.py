@@ -14,7 +14,7 @@ _LONGEST_S = 20.0
 
 @dataclass(frozen=True)
 class Answer:
-    """What an application answered; a WebSocket that was accepted has the status 101, one that was not 403."""
+    """What an application answered; a WebSocket that was accepted has the status 101, one that was not 403 and why."""
 
     status: int
     headers: Headers
@@ -70,8 +70,10 @@ class AsgiCalls:
 
         await self._app(scope, receive, send)
         if scope["type"] == "websocket":
-            accepted = bool(sent) and sent[0]["type"] == "websocket.accept"
-            return Answer(101 if accepted else 403, Headers(), b"")
+            first = sent[0] if sent else {"type": "nothing"}
+            return Answer(
+                101 if first["type"] == "websocket.accept" else 403, Headers(), first.get("reason", "").encode()
+            )
         start = sent[0]
         body = b"".join(message.get("body", b"") for message in sent[1:])
         return Answer(start["status"], Headers(raw=list(start["headers"])), body)

@@ -29,7 +29,6 @@ def _add_device_routes(app: FastAPI, services: Services) -> None:
 
     @app.put(OFFERS_PATH + "/{sha256}", include_in_schema=False)
     async def piece(request: Request, sha256: str, offset: int) -> Response:
-        await run_in_threadpool(recordings.refuse_other_sender, sha256, str(request.state.device_name))
         return json_response(await run_in_threadpool(recordings.add, sha256, offset, await request.body()))
 
 

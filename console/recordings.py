@@ -29,7 +29,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from console.errors import BadRequestError, ConflictError, ForbiddenError, NoRoomError, NotFoundError, TooLargeError
+from console.errors import BadRequestError, ConflictError, NoRoomError, NotFoundError, TooLargeError
 from console.retention import UndeletedError
 from navcore.folder_swap import sync_path
 from navcore.recording_upload import MAX_RECORDING_BYTES, RecordingHeld, RecordingOffer
@@ -166,11 +166,6 @@ class Recordings:
             self._refuse_without_room(len(piece))
             self._append(self._part(sha256), piece)
             return self._held(self.named(sha256))
-
-    def refuse_other_sender(self, sha256: str, device: str) -> None:
-        """Raise ForbiddenError unless this device has offered the recording last; NotFoundError before any has."""
-        if self.named(sha256).entry.device != device:
-            raise ForbiddenError("Another device sends this recording: offer it first.")
 
     def _begin(self, offer: RecordingOffer, device: str) -> None:
         if _read_entry(self._description(offer.sha256)) is not None:

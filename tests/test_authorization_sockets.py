@@ -28,7 +28,6 @@ from console.server import WS_MAX_BYTES, ConsoleServer
 from console.sockets import MAX_SOCKETS_COUNT, SIGNED_OUT_CODE
 from console.store import Store
 from console.viewer.embedded import SUBPROTOCOL
-from navcore.recording_upload import RecordingOffer
 from navcore.site import save_site
 from navcore.wire import Event, EventConfirmed, Welcome
 
@@ -273,22 +272,13 @@ def test_a_token_that_is_void_before_the_device_says_hello_lets_nothing_in(
 def test_a_device_speaks_for_itself_alone(server: ConsoleServer, admin: Person) -> None:
     mine, others = (str(admin.http.post("/api/tokens", json={"name": name}).json()["token"])
                     for name in ("My glasses", "Their glasses"))  # fmt: skip
-    devices, recordings = server.services.devices, server.services.recordings
+    devices = server.services.devices
     with DialledDevice(server.ready.url, others, hello_of(server, "theirs")).socket:
         until(server.services.hub, lambda device: device.device_id == "theirs" and device.connected)
         thief = DialledDevice(server.ready.url, mine, hello_of(server, "theirs"))
         assert thief.close_code()[0] == 4403
         until(server.services.hub, lambda device: device.device_id == "theirs" and device.connected)
     assert devices.latest_events("theirs", 10) == ()
-    # Whoever knows the checksum of a recording spoils it for nobody who is sending it.
-    offer = RecordingOffer("walk", "walk", 100, "d" * 64)
-    recordings.offer(offer, "Their glasses")
-    put = httpx.put(
-        f"{server.ready.url}/api/device/recordings/{offer.sha256}?offset=0", content=b"spoiled", trust_env=False,
-        headers={"Authorization": f"Bearer {mine}"},
-    )  # fmt: skip
-    assert put.status_code == 403
-    assert recordings.named(offer.sha256).have_bytes == 0
 
 
 def test_one_token_is_of_a_few_devices_and_not_of_all_that_can_be_made_up(server: ConsoleServer, admin: Person) -> None:

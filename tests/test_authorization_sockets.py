@@ -316,6 +316,36 @@ def test_a_head_that_is_too_large_is_refused(server: ConsoleServer) -> None:
             pass
 
 
+def test_a_body_that_does_not_come_is_not_waited_for(server: ConsoleServer, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("console.security.BODY_PATIENCE_S", 0.2)
+    host = server.ready.url.partition("//")[2]
+    head = (
+        f"POST /api/sign-in HTTP/1.1\r\nHost: {host}\r\nOrigin: {server.ready.url}\r\n"
+        "Content-Type: application/json\r\nContent-Length: 1000\r\n\r\n{"
+    )
+    with socket.create_connection(server._socket.getsockname(), timeout=WAIT_S) as slow:
+        slow.sendall(head.encode())
+        assert slow.recv(100).startswith(b"HTTP/1.1 4")
+
+
+def test_one_address_has_only_so_many_connections_and_another_one_its_own(
+    server: ConsoleServer, admin: Person, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.http_patience.MAX_CONNECTIONS_COUNT", 5)
+    address, opened = server._socket.getsockname(), contextlib.ExitStack()
+    with opened:
+        held = [
+            opened.enter_context(socket.create_connection(address, WAIT_S, source_address=("127.0.0.2", 0)))
+            for _ in range(6)
+        ]
+        with contextlib.suppress(ConnectionResetError):
+            assert held[-1].recv(100) == b"", "turned away"
+        host = server.ready.url.partition("//")[2]
+        held[0].sendall(f"GET /healthz HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
+        assert held[0].recv(100).startswith(b"HTTP/1.1 200"), "those that are in stay"
+        assert admin.http.get("/healthz").status_code == 200
+
+
 def test_links_are_of_one_use_and_of_the_newest(hands: Hands) -> None:
     url = f"/api/users/{hands.user_id}/link"
     old, new = (hands.admin.http.post(url).json()["link"] for _ in range(2))

@@ -109,25 +109,19 @@ class Accounts:
     # ----------------------------------------------------------------------------------------------- sessions
     def sign_in(self, name: str, password: str, address: str) -> str:
         """Return the token of a new session. Raises SignInError or TooManyError; the same for unknown names."""
-        name_key, network = _name_key(name), network_of(address)
-        here = f"{name_key}\n{network}"
+        name_key = _name_key(name)
         with self._store.reading() as session:
             user = session.scalar(select(UserRow).where(UserRow.name_key == name_key))
         usable = user is not None and user.disabled_at_s is None
-        is_known_here = user is not None and self._came_from(user.name, address)
-        limits = [(self._by_name, here), (self._by_address, network)]
-        # Nobody locks a person out from where they come.
-        limits += [] if is_known_here else [(self._by_account, name_key)]
         with self._hashing_in_turn():
-            attempts = _attempts(limits)
+            attempts = self._attempts(name_key, user.name if user else name, address)
             matches = password_matches(password, user.password_hash if user is not None and usable else None)
         if user is None or not matches:
             # A name that nobody has may be a password that was typed into the wrong field.
             self._store.audit(user.name if user else "unknown name", "sign_in_failed", address)
             raise SignInError("Name and password do not match.")
-        for limit, attempt in attempts:
-            limit.succeeded(attempt)
-        self._by_name.forget(here)
+        _take_back(attempts)
+        self._by_name.forget(attempts[0][1].key)
         self._store.audit(user.name, "sign_in", address)
         return self.start_session(user.id)
 
@@ -236,6 +230,19 @@ class Accounts:
         finally:
             self._hashing.release()
 
+    def _attempts(self, name_key: str, name: str, address: str) -> list[tuple[SignInLimit, Attempt]]:
+        """Count an attempt with every limit, that of the name first; where one refuses it, with none."""
+        network = network_of(address)
+        attempts = _counted([(self._by_name, f"{name_key}\n{network}"), (self._by_address, network)])
+        try:
+            return attempts + _counted([(self._by_account, name_key)])
+        except TooManyError:
+            if self._came_from(name, address):
+                # Nobody locks a person out from where they come.
+                return attempts
+            _take_back(attempts)
+            raise
+
     def _came_from(self, user_name: str, address: str) -> bool:
         signed_in = (AuditRow.who == user_name, AuditRow.action == "sign_in", AuditRow.detail == address)
         with self._store.reading() as session:
@@ -302,17 +309,20 @@ def _active_admin_count(session: Session) -> int:
     return session.scalar(select(func.count()).select_from(UserRow).where(*able)) or 0
 
 
-def _attempts(limits: list[tuple[SignInLimit, str]]) -> list[tuple[SignInLimit, Attempt]]:
-    """Count an attempt with every limit; where one refuses it, with none."""
+def _counted(limits: list[tuple[SignInLimit, str]]) -> list[tuple[SignInLimit, Attempt]]:
     counted: list[tuple[SignInLimit, Attempt]] = []
     try:
         for limit, key in limits:
             counted.append((limit, limit.attempt(key)))
     except TooManyError:
-        for limit, attempt in counted:
-            limit.succeeded(attempt)
+        _take_back(counted)
         raise
     return counted
+
+
+def _take_back(attempts: list[tuple[SignInLimit, Attempt]]) -> None:
+    for limit, attempt in attempts:
+        limit.succeeded(attempt)
 
 
 def _goes_on(row: SessionRow, user: UserRow, now_s: float) -> bool:

@@ -122,17 +122,28 @@ class Accounts:
             raise SignInError("Name and password do not match.")
         _take_back(attempts)
         self._by_name.forget(attempts[0][1].key)
-        self._store.audit(user.name, "sign_in", address)
-        return self.start_session(user.id)
+        return self._start_checked(user, address)
 
     def start_session(self, user_id: int) -> str:
         """Return the token of a new session of this person."""
-        token, now_s = new_token(), self._store.wall_s()
         with self._store.writing() as session:
-            session.execute(delete(SessionRow).where(SessionRow.created_at_s < now_s - SESSION_LONGEST_S))
-            session.add(
-                SessionRow(token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, last_seen_at_s=now_s)
-            )
+            return self._add_session(session, user_id)
+
+    def _start_checked(self, seen: UserRow, address: str) -> str:
+        """Start the session of whoever gave the right password, unless it has been changed while it was judged."""
+        with self._store.writing() as session:
+            user = _user(session, seen.id)
+            if user.password_hash != seen.password_hash or user.disabled_at_s is not None:
+                raise SignInError("Name and password do not match.")
+            self._store.add_audit(session, user.name, "sign_in", address)
+            return self._add_session(session, user.id)
+
+    def _add_session(self, session: Session, user_id: int) -> str:
+        token, now_s = new_token(), self._store.wall_s()
+        session.execute(delete(SessionRow).where(SessionRow.created_at_s < now_s - SESSION_LONGEST_S))
+        session.add(
+            SessionRow(token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, last_seen_at_s=now_s)
+        )
         return token
 
     def signed_in(self, token: str) -> SignedIn | None:

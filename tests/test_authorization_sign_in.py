@@ -145,6 +145,20 @@ def test_what_is_remembered_of_guesses_is_bounded(clock: HandClock) -> None:
     assert len(limit._failures) == REMEMBERED_COUNT
 
 
+def test_a_password_that_is_changed_while_the_old_one_is_judged_lets_nobody_in(
+    accounts: Accounts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    ada, verify = accounts.users()[0], accounts_module.password_matches
+
+    def changed_meanwhile(password: str, stored: str | None) -> bool:
+        matches = verify(password, stored)
+        accounts.use_link(accounts.new_password_link(ada.id, "Ada"), "", f"{PASSWORD}!")
+        return matches
+
+    monkeypatch.setattr(accounts_module, "password_matches", changed_meanwhile)
+    assert outcome(accounts, "Ada", PASSWORD, HOME) == "SignInError"
+
+
 # ---------------------------------------------------------------------------------------------------- enumeration
 def test_unknown_disabled_and_wrong_are_told_apart_by_nothing(
     accounts: Accounts, monkeypatch: pytest.MonkeyPatch

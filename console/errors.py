@@ -3,6 +3,7 @@
 VbrError
 └── ConsoleError            the console refuses a request; its text is one sentence
     ├── BadRequestError 400  what was sent cannot be used
+    │   └── TwoLengthsError  it says in two ways how long it is
     ├── SignInError 401      nobody is signed in, or name and password do not match
     ├── ForbiddenError 403   the role may not do this
     ├── NotFoundError 404    there is no such thing
@@ -32,6 +33,10 @@ class ConsoleError(VbrError):
 
 class BadRequestError(ConsoleError):
     """What was sent cannot be used."""
+
+
+class TwoLengthsError(BadRequestError):
+    """It says in two ways how long it is: a proxy in front may have believed the other one. The connection ends."""
 
 
 class SignInError(ConsoleError):

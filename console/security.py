@@ -23,7 +23,7 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError, TooSlowError
+from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError, TooSlowError, TwoLengthsError
 from console.origin import is_same_origin, is_secure
 from console.pages import is_page, refused_page
 from console.roles import SignedIn
@@ -107,6 +107,8 @@ class Guard:
     async def _admit(self, connection: HTTPConnection) -> int:
         """Return how many bytes the body may have."""
         self._check_host(connection)
+        if {"content-length", "transfer-encoding"} <= set(connection.headers):
+            raise TwoLengthsError("This says in two ways how long it is: send it with one.")
         method, path = _route_of(connection.scope)
         rule = self._rules.get((method, path)) if path is not None else None
         max_body_bytes = rule.max_body_bytes if rule is not None else MAX_BODY_BYTES
@@ -220,6 +222,9 @@ def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
 def error_response(error: ConsoleError) -> JSONResponse:
     """Return a refusal as JSON: ``{"error": sentence}``, and what belongs to it."""
     response = JSONResponse(msgspec.to_builtins({"error": str(error), **error.details()}), status_code=error.status)
+    if isinstance(error, TwoLengthsError):
+        # What comes next on it may be the rest of this, and not a request of anybody's.
+        response.headers["Connection"] = "close"
     retry_after_s: Any = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         response.headers["Retry-After"] = str(max(1, round(retry_after_s)))

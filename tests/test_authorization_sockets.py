@@ -316,6 +316,27 @@ def test_a_head_that_is_too_large_is_refused(server: ConsoleServer) -> None:
             pass
 
 
+@pytest.mark.parametrize(
+    "lengths",
+    [
+        "Content-Length: 6\r\nTransfer-Encoding: chunked", "Content-Length: 5\r\nContent-Length: 6",
+        "Transfer-Encoding: xchunked", "Content-Length : 5", "Content-Length: +5", "Host: evil.example",
+    ],
+)  # fmt: skip
+def test_no_request_hides_within_another(server: ConsoleServer, lengths: str) -> None:
+    host = server.ready.url.partition("//")[2]
+    head = f"POST /api/sign-in HTTP/1.1\r\nHost: {host}\r\nOrigin: {server.ready.url}\r\n{lengths}\r\n\r\n"
+    hidden = f"GET /healthz HTTP/1.1\r\nHost: {host}\r\n\r\n"
+    with socket.create_connection(server._socket.getsockname(), timeout=WAIT_S) as sender:
+        sender.sendall((head + "0\r\n\r\n" + hidden).encode())
+        answers = b""
+        with contextlib.suppress(ConnectionResetError):
+            while piece := sender.recv(4096):
+                answers += piece
+    assert answers.startswith(b"HTTP/1.1 400")
+    assert answers.count(b"HTTP/1.1") == 1, "the second one was never answered"
+
+
 def test_a_body_that_does_not_come_is_not_waited_for(server: ConsoleServer, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("console.security.BODY_PATIENCE_S", 0.2)
     host = server.ready.url.partition("//")[2]

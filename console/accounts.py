@@ -6,24 +6,32 @@ admin invites others by such links, and nobody but the person ever knows the pas
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sqlalchemy import delete, func, select, update
 from sqlalchemy.orm import Session
 
-from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError
+from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError, TooManyError
 from console.roles import ROLES, Role, SignedIn
 from console.secrets_kept import hash_of_password, hash_of_token, new_token, password_matches
-from console.sign_in_limit import SignInLimit
+from console.sign_in_limit import Attempt, SignInLimit, network_of
 from console.store import Store
-from console.tables import OneTimeLinkRow, SessionRow, UserRow
+from console.tables import AuditRow, OneTimeLinkRow, SessionRow, UserRow
 
 SESSION_IDLE_S = 24 * 3600.0
 SESSION_LONGEST_S = 14 * 24 * 3600.0
 LINK_VALID_S = 48 * 3600.0
 SEEN_STEP_S = 60.0
 MAX_NAME_LENGTH = 60
+FAILURES_OF_ADDRESS_COUNT = 20
+FAILURES_OF_ACCOUNT_COUNT = 100
+"""So many from anywhere, then an account waits as well, but for addresses from which it has been signed in to."""
+ACCOUNT_WAITS_S = 30.0
+MAX_HASHING_COUNT = 4
+"""Passwords are hashed so many at a time: each takes memory and a core, on purpose."""
 _BAD_LINK = "This link has been used, has expired, or is not complete: ask for a new one."
 
 
@@ -50,7 +58,9 @@ class Accounts:
     ) -> None:
         self._store = store
         self._by_name = SignInLimit(steady_s)
-        self._by_address = SignInLimit(steady_s, free_failures_count=20)
+        self._by_address = SignInLimit(steady_s, FAILURES_OF_ADDRESS_COUNT)
+        self._by_account = SignInLimit(steady_s, FAILURES_OF_ACCOUNT_COUNT, ACCOUNT_WAITS_S)
+        self._hashing = threading.BoundedSemaphore(MAX_HASHING_COUNT)
         self._on_session_end = on_session_end
 
     # -------------------------------------------------------------------------------------------------- links
@@ -76,9 +86,12 @@ class Accounts:
             return user.name if user else None
 
     def use_link(self, token: str, name: str, password: str) -> User:
-        """Spend a link: the person of that name has this password now. Raises NotFoundError or BadRequestError."""
+        """Spend a link: the person of that name has this password now, and no other link. Raises NotFoundError,
+        BadRequestError or TooManyError.
+        """
         self.link_name(token)  # Hashing takes long on purpose: not for somebody without a link.
-        password_hash = hash_of_password(password)
+        with self._hashing_in_turn():
+            password_hash = hash_of_password(password)
         with self._store.writing() as session:
             link = self._open_link(session, token)
             link.used_at_s = self._store.wall_s()
@@ -86,6 +99,7 @@ class Accounts:
             user = self._add_user(session, name, "admin") if user_id is None else _user(session, user_id)
             user.password_hash = password_hash
             session.flush()
+            _void_links(session, user.id)
             ended = _end_sessions(session, user.id)
             self._store.add_audit(session, user.name, "password_chosen")
             result = _as_user(user)
@@ -95,30 +109,41 @@ class Accounts:
     # ----------------------------------------------------------------------------------------------- sessions
     def sign_in(self, name: str, password: str, address: str) -> str:
         """Return the token of a new session. Raises SignInError or TooManyError; the same for unknown names."""
-        key = f"{_name_key(name)}\n{address}"
-        self._by_name.check(key)
-        self._by_address.check(address)
+        name_key = _name_key(name)
         with self._store.reading() as session:
-            user = session.scalar(select(UserRow).where(UserRow.name_key == _name_key(name)))
+            user = session.scalar(select(UserRow).where(UserRow.name_key == name_key))
         usable = user is not None and user.disabled_at_s is None
-        matches = password_matches(password, user.password_hash if user is not None and usable else None)
+        with self._hashing_in_turn():
+            attempts = self._attempts(name_key, user.name if user else name, address)
+            matches = password_matches(password, user.password_hash if user is not None and usable else None)
         if user is None or not matches:
-            self._by_name.failed(key)
-            self._by_address.failed(address)
-            self._store.audit(name[:MAX_NAME_LENGTH], "sign_in_failed", address)
+            # A name that nobody has may be a password that was typed into the wrong field.
+            self._store.audit(user.name if user else "unknown name", "sign_in_failed", address)
             raise SignInError("Name and password do not match.")
-        self._by_name.succeeded(key)
-        self._store.audit(user.name, "sign_in", address)
-        return self.start_session(user.id)
+        _take_back(attempts)
+        self._by_name.forget(attempts[0][1].key)
+        return self._start_checked(user, address)
 
     def start_session(self, user_id: int) -> str:
         """Return the token of a new session of this person."""
-        token, now_s = new_token(), self._store.wall_s()
         with self._store.writing() as session:
-            session.execute(delete(SessionRow).where(SessionRow.created_at_s < now_s - SESSION_LONGEST_S))
-            session.add(
-                SessionRow(token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, last_seen_at_s=now_s)
-            )
+            return self._add_session(session, user_id)
+
+    def _start_checked(self, seen: UserRow, address: str) -> str:
+        """Start the session of whoever gave the right password, unless it has been changed while it was judged."""
+        with self._store.writing() as session:
+            user = _user(session, seen.id)
+            if user.password_hash != seen.password_hash or user.disabled_at_s is not None:
+                raise SignInError("Name and password do not match.")
+            self._store.add_audit(session, user.name, "sign_in", address)
+            return self._add_session(session, user.id)
+
+    def _add_session(self, session: Session, user_id: int) -> str:
+        token, now_s = new_token(), self._store.wall_s()
+        session.execute(delete(SessionRow).where(SessionRow.created_at_s < now_s - SESSION_LONGEST_S))
+        session.add(
+            SessionRow(token_hash=hash_of_token(token), user_id=user_id, created_at_s=now_s, last_seen_at_s=now_s)
+        )
         return token
 
     def signed_in(self, token: str) -> SignedIn | None:
@@ -126,20 +151,37 @@ class Accounts:
         with self._store.reading() as session:
             row = session.get(SessionRow, hash_of_token(token))
             user = session.get(UserRow, row.user_id) if row else None
-        if row is None or user is None or user.disabled_at_s is not None:
-            return None
         now_s = self._store.wall_s()
-        if now_s - row.created_at_s > SESSION_LONGEST_S or now_s - row.last_seen_at_s > SESSION_IDLE_S:
+        if row is None or user is None or not _goes_on(row, user, now_s):
             return None
         if now_s - row.last_seen_at_s > SEEN_STEP_S:
             self._note_seen(row.token_hash, now_s)
         return SignedIn(row.token_hash, user.id, user.name, _role(user.role))
 
-    def sign_out(self, session_id: str) -> None:
+    def over(self, session_ids: Collection[str]) -> set[str]:
+        """Return those of these sessions that are over."""
+        chosen = select(SessionRow, UserRow).join(UserRow, UserRow.id == SessionRow.user_id)
+        with self._store.reading() as session:
+            rows = session.execute(chosen.where(SessionRow.token_hash.in_(session_ids))).all()
+        now_s = self._store.wall_s()
+        return set(session_ids) - {row.token_hash for row, user in rows if _goes_on(row, user, now_s)}
+
+    def note_used(self, session_ids: Collection[str]) -> None:
+        """A page that is open uses its session, though it may ask for nothing."""
+        now_s = self._store.wall_s()
+        stale = SessionRow.token_hash.in_(session_ids), SessionRow.last_seen_at_s < now_s - SEEN_STEP_S
+        with self._store.reading() as session:
+            found = session.scalars(select(SessionRow.token_hash).where(*stale)).all()
+        if found:
+            with self._store.writing() as session:
+                session.execute(update(SessionRow).where(SessionRow.token_hash.in_(found)).values(last_seen_at_s=now_s))
+
+    def sign_out(self, person: SignedIn) -> None:
         """End one session."""
         with self._store.writing() as session:
-            session.execute(delete(SessionRow).where(SessionRow.token_hash == session_id))
-        self._tell_ended([session_id])
+            session.execute(delete(SessionRow).where(SessionRow.token_hash == person.session_id))
+            self._store.add_audit(session, person.user_name, "sign_out")
+        self._tell_ended([person.session_id])
 
     # ------------------------------------------------------------------------------------------------- people
     def users(self) -> list[User]:
@@ -156,14 +198,21 @@ class Accounts:
             return _as_user(user), self._add_link(session, user.id)
 
     def new_password_link(self, user_id: int, by: str) -> str:
-        """Return the token of a link with which a person chooses a new password; the old one holds until then."""
+        """Return the token of a link with which a person chooses a new password; the old one holds until then.
+
+        Earlier links are void.
+        """
         with self._store.writing() as session:
             user = _user(session, user_id)
+            _void_links(session, user_id)
             self._store.add_audit(session, by, "password_link", user.name)
             return self._add_link(session, user.id)
 
     def change(self, user_id: int, by: str, role: Role | None = None, disabled: bool | None = None) -> User:
-        """Give a person another role, or lock the account; their sessions end. Refuses to take the last admin away."""
+        """Give a person another role, or lock the account; their sessions end, and the links of who is locked out.
+
+        Refuses to take the last admin away.
+        """
         with self._store.writing() as session:
             user = _user(session, user_id)
             if role is not None:
@@ -171,6 +220,8 @@ class Accounts:
             if disabled is not None:
                 user.disabled_at_s = self._store.wall_s() if disabled else None
             session.flush()
+            if disabled:
+                _void_links(session, user_id)
             if not _active_admin_count(session):
                 raise ConflictError("This is the last admin: make somebody else an admin first.")
             ended = _end_sessions(session, user_id)
@@ -180,6 +231,34 @@ class Accounts:
         return result
 
     # ---------------------------------------------------------------------------------------------- internals
+    @contextmanager
+    def _hashing_in_turn(self) -> Iterator[None]:
+        """Refuse, rather than let wait, where many are being judged: who waits holds a thread that all need."""
+        if not self._hashing.acquire(blocking=False):
+            raise TooManyError("Others are signing in just now: try again in a moment.", 1.0)
+        try:
+            yield
+        finally:
+            self._hashing.release()
+
+    def _attempts(self, name_key: str, name: str, address: str) -> list[tuple[SignInLimit, Attempt]]:
+        """Count an attempt with every limit, that of the name first; where one refuses it, with none."""
+        network = network_of(address)
+        attempts = _counted([(self._by_name, f"{name_key}\n{network}"), (self._by_address, network)])
+        try:
+            return attempts + _counted([(self._by_account, name_key)])
+        except TooManyError:
+            if self._came_from(name, address):
+                # Nobody locks a person out from where they come.
+                return attempts
+            _take_back(attempts)
+            raise
+
+    def _came_from(self, user_name: str, address: str) -> bool:
+        signed_in = (AuditRow.who == user_name, AuditRow.action == "sign_in", AuditRow.detail == address)
+        with self._store.reading() as session:
+            return session.scalar(select(AuditRow.id).where(*signed_in).limit(1)) is not None
+
     def _add_link(self, session: Session, user_id: int | None) -> str:
         token, now_s = new_token(), self._store.wall_s()
         session.add(
@@ -239,6 +318,33 @@ def _as_user(row: UserRow) -> User:
 def _active_admin_count(session: Session) -> int:
     able = (UserRow.role == "admin", UserRow.disabled_at_s.is_(None), UserRow.password_hash != "")
     return session.scalar(select(func.count()).select_from(UserRow).where(*able)) or 0
+
+
+def _counted(limits: list[tuple[SignInLimit, str]]) -> list[tuple[SignInLimit, Attempt]]:
+    counted: list[tuple[SignInLimit, Attempt]] = []
+    try:
+        for limit, key in limits:
+            counted.append((limit, limit.attempt(key)))
+    except TooManyError:
+        _take_back(counted)
+        raise
+    return counted
+
+
+def _take_back(attempts: list[tuple[SignInLimit, Attempt]]) -> None:
+    for limit, attempt in attempts:
+        limit.succeeded(attempt)
+
+
+def _goes_on(row: SessionRow, user: UserRow, now_s: float) -> bool:
+    """Whether a session is neither too old, nor too long unused, nor of somebody who is locked out."""
+    is_fresh = now_s - row.created_at_s <= SESSION_LONGEST_S and now_s - row.last_seen_at_s <= SESSION_IDLE_S
+    return is_fresh and user.disabled_at_s is None
+
+
+def _void_links(session: Session, user_id: int) -> None:
+    unused = OneTimeLinkRow.user_id == user_id, OneTimeLinkRow.used_at_s.is_(None)
+    session.execute(delete(OneTimeLinkRow).where(*unused))
 
 
 def _end_sessions(session: Session, user_id: int) -> list[str]:

@@ -11,7 +11,7 @@ from console.bodies import FirstBody, InviteBody, LinkBody, SignInBody, TokenBod
 from console.device_store import checked_name
 from console.pages import pages_for
 from console.requests import Visitor, json_response, link_to
-from console.security import cookie_name, set_session_cookie
+from console.security import drop_session_cookie, set_session_cookie, visitor_of
 from console.services import Services
 
 AUDIT_SHOWN_COUNT = 200
@@ -28,8 +28,12 @@ def _add_session_routes(app: FastAPI, services: Services) -> None:
     accounts = services.accounts
 
     def start_session(request: Request, token: str) -> Response:
+        before = visitor_of(request)
+        if before is not None and not accounts.over([before.session_id]):
+            # The browser keeps one session: the one that it had would go on, and nobody could end it.
+            accounts.sign_out(before)
         response = json_response({"ok": True})
-        set_session_cookie(response, request, token, services.config.uses_tls, SESSION_LONGEST_S)
+        set_session_cookie(response, request, token, SESSION_LONGEST_S)
         return response
 
     @app.post("/api/sign-in")
@@ -39,9 +43,9 @@ def _add_session_routes(app: FastAPI, services: Services) -> None:
 
     @app.post("/api/sign-out")
     def sign_out(request: Request, visitor: Visitor) -> Response:
-        accounts.sign_out(visitor.session_id)
+        accounts.sign_out(visitor)
         response = json_response({"ok": True})
-        response.delete_cookie(cookie_name(request), path="/", httponly=True, samesite="strict")
+        drop_session_cookie(response, request)
         return response
 
     @app.get("/api/session")
@@ -97,16 +101,15 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
     @app.post("/api/tokens")
     def create_token(visitor: Visitor, body: TokenBody) -> Response:
         token = devices.create_token(body.name, visitor.user_name)
-        name = checked_name(body.name)
-        services.hub.close_named(name)
-        return json_response({"name": name, "token": token}, 201)
+        services.close_void_links()
+        return json_response({"name": checked_name(body.name), "token": token}, 201)
 
     @app.post("/api/tokens/revoke")
     def revoke_token(visitor: Visitor, body: TokenBody) -> Response:
         devices.revoke_token(body.name, visitor.user_name)
         for device_id in devices.ids_of(" ".join(body.name.split())):
             services.alerts.forget(device_id)
-        services.hub.close_named(body.name)
+        services.close_void_links()
         return json_response({"ok": True})
 
     @app.get("/api/audit")

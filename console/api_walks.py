@@ -134,7 +134,8 @@ _COLUMNS = (
     "walk", "device", "date", "from", "to", "arrived", "outcome", "seconds", "standing_s", "path_m", "route_m",
     "deviation_max_m", "deviation_mean_m", "deviation_variance_m2", "stops", "weak_s", "off_road_s", "disagreement_s",
 )  # fmt: skip
-_LEADS_TO_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_LEADS_TO_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n", "\uff1d", "\uff0b", "\uff0d", "\uff20")
+"""The last four are the wide forms, which some spreadsheets read as the narrow ones. OWASP, CSV injection."""
 
 
 def figures_csv(walks: Iterable[tuple[PastWalk, WalkFigures]]) -> str:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from console.store import Store
 
 DEFAULT_PORT = 8765
-_STAYS = "A device that is signed in just now stays so until its link breaks."
+_ENDS = "The link of a device that is signed in with it ends within seconds."
 
 
 def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]) -> None:
@@ -116,7 +116,7 @@ def run_token(arguments: argparse.Namespace) -> None:
             _list_tokens(devices)
         elif arguments.revoke:
             devices.revoke_token(arguments.name, "command line")
-            sys.stdout.write(f"The token of {arguments.name} is void. {_STAYS}\n")
+            sys.stdout.write(f"The token of {arguments.name} is void. {_ENDS}\n")
         else:
             _make_token(devices, arguments.name)
     finally:
@@ -131,7 +131,7 @@ def _make_token(devices: DeviceStore, name: str) -> None:
         sys.stderr.write(
             f"It takes the place of the token of {before.name} that {before.created_by} made on"
             f" {_date(before.created_at_s)} (last used: {_date(before.last_seen_at_s)}): that one is void, so give the"
-            f" device this one. {_STAYS}\n"
+            f" device this one. {_ENDS}\n"
         )
 
 

@@ -16,7 +16,7 @@ from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
-from console.errors import ConflictError
+from console.errors import ConflictError, TooManyError
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
@@ -48,6 +48,7 @@ FIRST_PINGS_COUNT = 3
 EVENTS_SHOWN_COUNT = 50
 UNREADABLE_CODE = 1007
 REFUSED_CODE = 4403
+REVOKED_CODE = 4401
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -56,7 +57,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
     @app.websocket("/device")
     async def device(socket: WebSocket) -> None:
         await socket.accept()
-        await _serve(socket, services, str(socket.state.device_name))
+        await _serve(socket, services, str(socket.state.device_name), str(socket.state.device_token_id))
 
     @app.get("/api/device/map/{sha256}", include_in_schema=False)
     def device_map(sha256: str) -> Response:
@@ -65,7 +66,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return FileResponse(packed.file, media_type="application/zip", headers={"ETag": f'"{packed.sha256}"'})
 
 
-async def _serve(socket: WebSocket, services: Services, token_name: str) -> None:
+async def _serve(socket: WebSocket, services: Services, token_name: str, token_id: str) -> None:
     try:
         hello = await _hello(socket)
         await run_in_threadpool(services.devices.take_in, hello.device_id, token_name)
@@ -77,7 +78,7 @@ async def _serve(socket: WebSocket, services: Services, token_name: str) -> None
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
         return
-    await _run(socket, services, hello, token_name)
+    await _run(socket, services, hello, token_name, token_id)
 
 
 async def _hello(socket: WebSocket) -> Hello:
@@ -85,8 +86,13 @@ async def _hello(socket: WebSocket) -> Hello:
         return decode_hello(await _receive_bytes(socket))
 
 
-async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str) -> None:
+async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str, token_id: str) -> None:
     hub, outlet = services.hub, SocketOutlet(asyncio.get_running_loop())
+    try:
+        forget = services.device_sockets.add(token_id, lambda: outlet.close(REVOKED_CODE, "This token was revoked."))
+    except TooManyError as error:
+        await _close(socket, REFUSED_CODE, str(error))
+        return
     last = await run_in_threadpool(services.devices.last_sequence, hello.device_id)
     events = await run_in_threadpool(services.devices.latest_events, hello.device_id, EVENTS_SHOWN_COUNT)
     outlet.send(Welcome(PROTOCOL_VERSION, last))
@@ -100,6 +106,7 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
         await _bring_up_to_date(services, hello, outlet)
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
+        forget()
         hub.disconnect(hello.device_id, outlet)
         for task in tasks:
             task.cancel()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -16,6 +17,8 @@ from console.tables import DeviceRow, DeviceTokenRow, EventRow
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
+MAX_DEVICES_OF_TOKEN_COUNT = 20
+"""A device may be set up anew, under another id; who makes up ids without end is none."""
 _NAME = re.compile(r"\w[\w .'()-]*")
 EventKind = Literal[
     "cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button", "privacy"
@@ -104,11 +107,23 @@ class DeviceStore:
             row = session.scalar(select(DeviceTokenRow).where(DeviceTokenRow.token_hash == hash_of_token(token)))
         return row.name if row is not None and row.revoked_at_s is None else None
 
+    def void(self, token_ids: Collection[str]) -> set[str]:
+        """Return those of these tokens, by their hashes, that let no device in any more."""
+        valid = DeviceTokenRow.token_hash.in_(token_ids), DeviceTokenRow.revoked_at_s.is_(None)
+        with self._store.reading() as session:
+            return set(token_ids) - set(session.scalars(select(DeviceTokenRow.token_hash).where(*valid)))
+
     def take_in(self, device_id: str, token_name: str) -> None:
-        """Note that a device has called. Raises ConflictError where it belongs to another token."""
+        """Note that a device has called. Raises ConflictError where it belongs to another token, or has too many."""
         with self._store.writing() as session:
             row = session.get(DeviceRow, device_id)
             if row is None:
+                mine = select(func.count()).where(DeviceRow.token_name == token_name)
+                if (session.scalar(mine) or 0) >= MAX_DEVICES_OF_TOKEN_COUNT:
+                    raise ConflictError(
+                        f"{MAX_DEVICES_OF_TOKEN_COUNT} devices have called with the token of {token_name!r}: make"
+                        " another one with `vbr console token NAME`."
+                    )
                 session.add(DeviceRow(device_id=device_id, token_name=token_name))
             elif row.token_name != token_name:
                 raise ConflictError(

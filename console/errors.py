@@ -3,9 +3,11 @@
 VbrError
 └── ConsoleError            the console refuses a request; its text is one sentence
     ├── BadRequestError 400  what was sent cannot be used
+    │   └── TwoLengthsError  it says in two ways how long it is
     ├── SignInError 401      nobody is signed in, or name and password do not match
     ├── ForbiddenError 403   the role may not do this
     ├── NotFoundError 404    there is no such thing
+    ├── TooSlowError 408     the rest of it did not come
     ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
     ├── TooLargeError 413    what was sent is larger than what is taken
     ├── TooManyError 429     asked too often
@@ -33,6 +35,10 @@ class BadRequestError(ConsoleError):
     """What was sent cannot be used."""
 
 
+class TwoLengthsError(BadRequestError):
+    """It says in two ways how long it is: a proxy in front may have believed the other one. The connection ends."""
+
+
 class SignInError(ConsoleError):
     """Nobody is signed in, or name and password do not match."""
 
@@ -49,6 +55,12 @@ class NotFoundError(ConsoleError):
     """There is no such thing."""
 
     status = 404
+
+
+class TooSlowError(ConsoleError):
+    """The rest of it did not come."""
+
+    status = 408
 
 
 class ConflictError(ConsoleError):

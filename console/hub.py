@@ -191,13 +191,6 @@ class DeviceHub:
         for outlet in behind:
             outlet.send(PublishGraph(graph))
 
-    def close_named(self, name: str) -> None:
-        """End the links of the devices that signed in with the token of this name (it was revoked)."""
-        with self._lock:
-            outlets = [o for device_id, o in self._outlets.items() if self._devices[device_id].name == name]
-        for outlet in outlets:
-            outlet.close(4401, "The token of this device was revoked.")
-
     def require_connected(self, device_id: str) -> Outlet:
         """Return the way to a device. Raises NotFoundError or, where it is away, ConflictError."""
         device = self.device(device_id)

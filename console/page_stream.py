@@ -13,9 +13,10 @@ from collections.abc import Awaitable, Callable
 import msgspec
 from fastapi import WebSocket, WebSocketDisconnect
 
+from console.errors import TooManyError
 from console.requests import signed_in
 from console.services import Services
-from console.sockets import SIGNED_OUT_CODE
+from console.sockets import SIGNED_OUT_CODE, TOO_MANY_CODE
 from navcore.wire_pace import Allowance
 
 REFUSED_CODE = 1008
@@ -60,9 +61,13 @@ async def serve(
     ``watches`` hears which devices the page shows, each time that it says so.
     """
     visitor = signed_in(socket)
-    await socket.accept()
     loop, signed_out = asyncio.get_running_loop(), asyncio.Event()
-    forget = services.sockets.add(visitor.session_id, lambda: set_from_any_thread(loop, signed_out))
+    try:
+        forget = services.sockets.add(visitor.session_id, lambda: set_from_any_thread(loop, signed_out))
+    except TooManyError as error:
+        await socket.close(TOO_MANY_CODE, str(error))
+        return
+    await socket.accept()
     listening = asyncio.create_task(_listen(socket, services.hub.now_s, watches))
     tasks = [asyncio.ensure_future(stream()), listening, asyncio.create_task(signed_out.wait())]
     try:

@@ -9,6 +9,7 @@ from fastapi import Depends, Response
 from starlette.requests import HTTPConnection
 
 from console.errors import SignInError
+from console.origin import is_secure
 from console.roles import SignedIn
 from console.security import visitor_of
 
@@ -31,5 +32,5 @@ def json_response(value: Any, status_code: int = 200) -> Response:
 
 def link_to(connection: HTTPConnection, token: str) -> str:
     """Return the address of a one-time link, on the host by which this console was reached."""
-    scheme = "https" if connection.url.scheme in ("https", "wss") else "http"
+    scheme = "https" if is_secure(connection) else "http"
     return f"{scheme}://{connection.headers.get('host', '')}/first?token={token}"

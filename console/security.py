@@ -1,12 +1,14 @@
 """The guard in front of every route: host, origin, session or device token, role, and the headers of each answer.
 
 What a role may do is in :mod:`console.rules`. The guard puts who asks into ``scope["state"]``: ``visitor``
-(:class:`console.roles.SignedIn`) for people, ``device_name`` for devices.
+(:class:`console.roles.SignedIn`) for people, ``device_name`` and ``device_token_id`` for devices.
 """
 
 from __future__ import annotations
 
+import asyncio
 import logging
+import time
 from collections.abc import Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
@@ -21,13 +23,18 @@ from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from starlette.websockets import WebSocketClose
 
-from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError
+from console.errors import ConsoleError, ForbiddenError, SignInError, TooLargeError, TooSlowError, TwoLengthsError
+from console.origin import is_same_origin, is_secure
 from console.pages import is_page, refused_page
 from console.roles import SignedIn
 from console.rules import MAX_BODY_BYTES, RULES, Rule
+from console.secrets_kept import hash_of_token
 from console.services import Services
 
 _log = logging.getLogger(__name__)
+BODY_PATIENCE_S = 60.0
+SLOWEST_BODY_BYTES_PER_S = 1000.0
+"""Whoever sends slower than this, for longer than that, holds a connection that others need."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data: blob:; media-src 'self'; "
@@ -47,16 +54,26 @@ _HEADERS = {
 
 
 def cookie_name(connection: HTTPConnection) -> str:
-    """Return the name of the session cookie: with the port, since browsers share cookies between ports of a host."""
+    """Return the name of the session cookie: with the port, since browsers share cookies between ports of a host.
+
+    Over TLS it has the prefix that browsers let nobody but this very host set, and only by TLS.
+    """
     port = _split_host(connection.headers.get("host", ""))[1]
-    return f"vbr_session_{port}" if port else "vbr_session"
+    name = f"vbr_session_{port}" if port else "vbr_session"
+    return f"__Host-{name}" if is_secure(connection) else name
 
 
-def set_session_cookie(response: Response, request: Request, token: str, uses_tls: bool, longest_s: float) -> None:
+def set_session_cookie(response: Response, request: Request, token: str, longest_s: float) -> None:
     """Give the browser its session; no script can read it, no other site can make the browser send it."""
     response.set_cookie(
-        cookie_name(request), token, max_age=int(longest_s), path="/", httponly=True, samesite="strict", secure=uses_tls
-    )
+        cookie_name(request), token, max_age=int(longest_s), path="/", httponly=True, samesite="strict",
+        secure=is_secure(request),
+    )  # fmt: skip
+
+
+def drop_session_cookie(response: Response, request: Request) -> None:
+    """Have the browser forget its session."""
+    response.delete_cookie(cookie_name(request), path="/", httponly=True, samesite="strict", secure=is_secure(request))
 
 
 def visitor_of(connection: HTTPConnection) -> SignedIn | None:
@@ -79,7 +96,7 @@ class Guard:
             await self._app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        sender = _with_headers(send, self._services.config.uses_tls) if scope["type"] == "http" else send
+        sender = _with_headers(send, is_secure(connection)) if scope["type"] == "http" else send
         try:
             max_body_bytes = await self._admit(connection)
         except ConsoleError as error:
@@ -90,6 +107,8 @@ class Guard:
     async def _admit(self, connection: HTTPConnection) -> int:
         """Return how many bytes the body may have."""
         self._check_host(connection)
+        if {"content-length", "transfer-encoding"} <= set(connection.headers):
+            raise TwoLengthsError("This says in two ways how long it is: send it with one.")
         method, path = _route_of(connection.scope)
         rule = self._rules.get((method, path)) if path is not None else None
         max_body_bytes = rule.max_body_bytes if rule is not None else MAX_BODY_BYTES
@@ -106,7 +125,7 @@ class Guard:
             _log.error("The route %s %s has no rule in console.rules: it is refused.", method, path)
             raise ForbiddenError("Nobody may do this: the route has no rule.")
         if rule.who == "devices":
-            state["device_name"] = await self._find_device(connection)
+            state["device_name"], state["device_token_id"] = await self._find_device(connection)
             return max_body_bytes
         _check_origin(connection, method)
         if rule.permits(visitor.role if visitor else None):
@@ -126,14 +145,15 @@ class Guard:
         token = connection.cookies.get(cookie_name(connection))
         return await run_in_threadpool(self._services.accounts.signed_in, token) if token else None
 
-    async def _find_device(self, connection: HTTPConnection) -> str:
+    async def _find_device(self, connection: HTTPConnection) -> tuple[str, str]:
+        """Return the name of a device, and what its token is known by."""
         scheme, _, token = connection.headers.get("authorization", "").partition(" ")
         name = None
         if scheme.lower() == "bearer" and token:
             name = await run_in_threadpool(self._services.devices.name_of, token.strip())
         if name is None:
             raise SignInError("This device token is not valid: make one with `vbr console token NAME`.")
-        return name
+        return name, hash_of_token(token.strip())
 
 
 def _route_of(scope: Scope) -> tuple[str, str | None]:
@@ -146,10 +166,7 @@ def _route_of(scope: Scope) -> tuple[str, str | None]:
 
 
 def _check_origin(connection: HTTPConnection, method: str) -> None:
-    if method in SAFE_METHODS:
-        return
-    origin, host = connection.headers.get("origin", ""), connection.headers.get("host", "")
-    if not host or urlsplit(origin).netloc.lower() != host.lower():
+    if method not in SAFE_METHODS and not is_same_origin(connection):
         raise ForbiddenError("This was not sent by a page of this console: open the console and try there.")
 
 
@@ -160,13 +177,21 @@ def _check_length(length: int, max_bytes: int) -> None:
 
 
 def _bounded(receive: Receive, max_bytes: int) -> Receive:
-    """Bound what comes without saying beforehand how long it is."""
-    received = 0
+    """Bound what comes without saying beforehand how long it is, and how long it may take to come."""
+    received, is_whole, began_s = 0, False, time.monotonic()
 
     async def receive_bounded() -> Message:
-        nonlocal received
-        message = await receive()
+        nonlocal received, is_whole
+        if is_whole:
+            return await receive()
+        allowed_s = BODY_PATIENCE_S + received / SLOWEST_BODY_BYTES_PER_S
+        try:
+            async with asyncio.timeout(began_s + allowed_s - time.monotonic()):
+                message = await receive()
+        except TimeoutError as error:
+            raise TooSlowError("The rest of this did not come: send it again.") from error
         received += len(message.get("body", b""))
+        is_whole = not message.get("more_body", False)
         _check_length(received, max_bytes)
         return message
 
@@ -197,19 +222,22 @@ def _refusal(connection: HTTPConnection, error: ConsoleError) -> ASGIApp:
 def error_response(error: ConsoleError) -> JSONResponse:
     """Return a refusal as JSON: ``{"error": sentence}``, and what belongs to it."""
     response = JSONResponse(msgspec.to_builtins({"error": str(error), **error.details()}), status_code=error.status)
+    if isinstance(error, TwoLengthsError):
+        # What comes next on it may be the rest of this, and not a request of anybody's.
+        response.headers["Connection"] = "close"
     retry_after_s: Any = getattr(error, "retry_after_s", None)
     if retry_after_s is not None:
         response.headers["Retry-After"] = str(max(1, round(retry_after_s)))
     return response
 
 
-def _with_headers(send: Send, uses_tls: bool) -> Send:
+def _with_headers(send: Send, by_tls: bool) -> Send:
     async def send_with_headers(message: Message) -> None:
         if message["type"] == "http.response.start":
             headers = MutableHeaders(scope=message)
             for name, value in _HEADERS.items():
                 headers.setdefault(name, value)
-            if uses_tls:
+            if by_tls:
                 headers.setdefault("Strict-Transport-Security", "max-age=31536000")
         await send(message)
 

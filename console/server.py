@@ -20,12 +20,15 @@ from fastapi import FastAPI
 
 from console.app import app_of
 from console.config import ConsoleConfig
+from console.http_patience import PatientHttp
 from console.opening import open_services, token_from_file
 from console.security import visitor_of
 from console.services import Services
 from navcore.errors import InputError
+from navcore.wire import MAX_MESSAGE_BYTES
 
-WS_MAX_BYTES = 64 << 20
+WS_MAX_BYTES = MAX_MESSAGE_BYTES + (1 << 10)
+"""What comes in on a socket is a message of a device at most; one that is a little too large is told why."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,9 +184,12 @@ class _Uvicorn(uvicorn.Server):
         super().__init__(
             uvicorn.Config(
                 app,
+                http=PatientHttp,
                 log_level="warning",
                 access_log=False,
-                proxy_headers=False,
+                # Who connects is who sends, unless a proxy in front was declared: that one is on this machine.
+                proxy_headers=bool(config.public_hosts),
+                forwarded_allow_ips=["127.0.0.1", "::1"],
                 server_header=False,
                 ws_per_message_deflate=False,
                 ws_max_size=WS_MAX_BYTES,

@@ -30,7 +30,8 @@ from console.repeating import Repeating
 from console.retention import EVERY_S, DeleteBefore, Retention
 from console.settings_store import SettingsStore
 from console.site_imports import SiteImports
-from console.sockets import SessionSockets
+from console.sockets import LOOK_EVERY_S as LOOK_WHO_IS_SIGNED_IN_EVERY_S
+from console.sockets import SessionSockets, close_what_is_over
 from console.store import Store
 from console.surveys import Surveys
 from console.tuning import Tuning
@@ -57,6 +58,10 @@ class Services:
     """Requests of a page to the 3D scene inside it."""
     sockets: SessionSockets
     """What to close when a session ends."""
+    device_sockets: SessionSockets
+    """What to close when a device's token is void."""
+    close_void_links: Callable[[], None]
+    """Ends the links of devices whose token is void: called at once after a token was revoked or replaced."""
     package: MapPackage
     settings: SettingsStore
     """What devices were asked to run."""
@@ -106,7 +111,7 @@ class Services:
 
 def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: DeviceHub) -> Services:
     """Put the parts together: sessions that end close their sockets, what is published reaches the devices."""
-    sockets, views = SessionSockets(), ViewRequests()
+    sockets, device_sockets, views = SessionSockets(), SessionSockets(), ViewRequests()
     package = MapPackage(config.site_folder, config.data_folder / "package")
 
     def session_ended(session_id: str) -> None:
@@ -127,6 +132,14 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     def look_who_watches() -> None:
         hub.forget_colours()
         watching.look()
+
+    def close_void_links() -> None:
+        close_what_is_over(device_sockets, devices.void, device_sockets.close)
+
+    def look_who_is_signed_in() -> None:
+        close_what_is_over(sockets, accounts.over, session_ended)
+        accounts.note_used(sockets.session_ids())
+        close_void_links()
 
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():
@@ -175,6 +188,8 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         presence=Presence(hub.now_s),
         views=views,
         sockets=sockets,
+        device_sockets=device_sockets,
+        close_void_links=close_void_links,
         package=package,
         settings=settings,
         presets=Presets(store),
@@ -197,7 +212,11 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         access=access,
         watching=watching,
         retention=retention,
-        timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
+        timers=(
+            Repeating("retention", EVERY_S, retention.run),
+            Repeating("watching", LOOK_EVERY_S, look_who_watches),
+            Repeating("signed in", LOOK_WHO_IS_SIGNED_IN_EVERY_S, look_who_is_signed_in),
+        ),
     )
 
 

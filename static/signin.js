@@ -4,7 +4,7 @@ import { $, setText } from "./dom.js";
 /** Where to go afterwards: a page of this console, and nothing else. */
 function next() {
   const wanted = new URLSearchParams(location.search).get("next") || "/";
-  return /^\/[a-z]*$/.test(wanted) ? wanted : "/";
+  return /^\/[a-z-]*$/.test(wanted) ? wanted : "/";
 }
 
 // Somebody who comes by a link from elsewhere may be signed in already: the cookie is not sent on that first step.

@@ -40,9 +40,12 @@ secrets_kept._HASH_OF_NOTHING = secrets_kept._hasher.hash("nothing")
 
 
 @contextmanager
-def serving(site_folder: Path, data_folder: Path, **options: Any) -> Iterator[ConsoleServer]:
+def serving(
+    site_folder: Path, data_folder: Path, public_hosts: frozenset[str] = frozenset(), **options: Any
+) -> Iterator[ConsoleServer]:
     """Serve a site on a free port until the block ends."""
-    server = ConsoleServer(ConsoleConfig(site_folder, data_folder, port=0), with_scene=False, **options)
+    config = ConsoleConfig(site_folder, data_folder, port=0, public_hosts=public_hosts)
+    server = ConsoleServer(config, with_scene=False, **options)
     server.start()
     try:
         yield server

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -48,6 +52,35 @@ def page(browser: Browser, console: ConsoleServer) -> Iterator[Page]:
     become(context, first_admin(console), "Ada")
     yield context.new_page()
     context.close()
+
+
+@dataclass
+class EvilServer:
+    """Somebody else's server on this machine; it writes down who comes."""
+
+    address: str
+    visits: list[str]
+
+
+@contextmanager
+def evil_server() -> Iterator[EvilServer]:
+    """Serve until the block ends."""
+    visits: list[str] = []
+
+    class Handler(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            visits.append(self.path)
+            self.send_error(404)
+
+    server = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
+    thread = threading.Thread(target=server.serve_forever)
+    thread.start()
+    try:
+        yield EvilServer(f"127.0.0.1:{server.server_port}", visits)
+    finally:
+        server.shutdown()
+        thread.join()
+        server.server_close()
 
 
 def open_scene(page: Page, console: ConsoleServer) -> SceneHands:
@@ -299,16 +332,25 @@ def test_the_page_in_the_console_runs_no_foreign_code_and_ends_with_the_session(
     page: Page, console: ConsoleServer
 ) -> None:
     url = console.ready.url
-    # Viser's client would connect to, and obey, any address in its query.
-    page.goto(f"{url}/viewer/scene/?websocket=ws://127.0.0.1:9/evil&fixedDpr=0.5")
-    blocked = page.evaluate(
-        """() => new Promise((done) => {
-          document.addEventListener('securitypolicyviolation', (e) => done(e.effectiveDirective));
-          new WebSocket('ws://127.0.0.1:9/evil').onerror = () => setTimeout(() => done('not blocked'), 500);
-        })"""
-    )
-    assert blocked == "connect-src"
-
-    open_scene(page, console)
+    with evil_server() as evil:
+        # Viser's client would connect to, and obey, any address in its query; or play what the query holds.
+        sources = f"websocket=ws://{evil.address}/&playbackPath=http://{evil.address}/x.viser"
+        page.goto(f"{url}/viewer/scene/?{sources}&playbackPath=data:,x&fixedDpr=0.5")
+        hands = SceneHands(page)
+        hands.wait_for_node("/graph/poi/bar/head")
+        assert "evil" not in page.url
+        assert "playbackPath" not in page.url
+        # Whatever else leads it there, the browser does not go.
+        for attempt in ("new WebSocket('ws://EVIL/')", "fetch('http://EVIL/')", "new Function('1')()"):
+            blocked = page.evaluate(
+                """() => new Promise((done) => {
+                  document.addEventListener('securitypolicyviolation', (e) => done(e.effectiveDirective), {once: true});
+                  // Not in this turn, in which the browser lets a test do more than a page may.
+                  setTimeout(() => { ATTEMPT; }, 0);
+                  setTimeout(() => done('not blocked'), 5000);
+                })""".replace("ATTEMPT", attempt.replace("EVIL", evil.address))
+            )
+            assert blocked in ("connect-src", "script-src"), attempt
+        assert evil.visits == []
     page.evaluate(f"fetch('{url}/api/sign-out', {{method: 'POST'}})")
     until(page, lambda: "/signin" in page.url, "the way to the sign-in page", 30.0)

@@ -571,7 +571,7 @@ def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
             assert ben.http.get("/api/devices/glasses/colour.jpg").status_code == 404
         walk_until(lambda: any("Ben" in event.text and event.kind == "privacy" for event in
                                server.services.devices.latest_events("glasses", 50)))  # fmt: skip
-        server.services.hub.close_named("Lead glasses")
+        server.services.device_sockets.close_all()
         walk_until(lambda: rig.agent.state.privacy.watchers is None)
         assert not heard("Nobody is watching any more."), "without a link nobody knows"
     finally:

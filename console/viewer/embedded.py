@@ -78,9 +78,9 @@ class Connection:
         while True:
             raw = await self._there(self._socket.receive_bytes())
             verdict = self._guard.judge(raw, time.monotonic())
-            if verdict is Verdict.PASS:
+            if verdict is Verdict.PASS and _has_its_fields(raw):
                 return raw
-            if verdict is Verdict.CLOSE:
+            if verdict is not Verdict.DROP:
                 await self.close(1007, "This message cannot be read.")
                 raise websockets.exceptions.ConnectionClosedOK(None, None)
 
@@ -97,6 +97,15 @@ class Connection:
         except Exception as error:
             # Whatever ends a socket (a disconnect, a server that stops) is for viser a closed connection.
             raise websockets.exceptions.ConnectionClosedOK(None, None) from error
+
+
+def _has_its_fields(raw: bytes) -> bool:
+    """Whether viser can build a message: one that lacks a field, or has another one, is an error in its handler."""
+    try:
+        viser_messages.Message.deserialize(raw)
+    except (TypeError, ValueError, LookupError, AttributeError):
+        return False
+    return True
 
 
 class EmbeddedViser:

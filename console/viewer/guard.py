@@ -1,7 +1,8 @@
 """What a browser may send to the scene: message types by role, sizes, and the rate.
 
 Viser trusts its clients: it looks at no role, and a GuiUpdate may assign any attribute of a widget. So every message
-is read here first, before viser sees it. What a role may not send is dropped; what cannot be read closes the socket.
+is read here first, before viser sees it. What a role may not send is dropped; what cannot be read closes the socket,
+and so does a flood that goes on.
 """
 
 from __future__ import annotations
@@ -49,7 +50,7 @@ class InboundGuard:
         if len(raw) > MAX_MESSAGE_BYTES:
             return Verdict.CLOSE
         if not self._within_rate(now_s):
-            return Verdict.DROP
+            return Verdict.DROP if self._tokens_count > -BURST_COUNT else Verdict.CLOSE
         try:
             message = msgspec.msgpack.decode(raw)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
@@ -62,10 +63,8 @@ class InboundGuard:
         elapsed_s = 0.0 if self._last_s is None else max(0.0, now_s - self._last_s)
         self._last_s = now_s
         self._tokens_count = min(BURST_COUNT, self._tokens_count + elapsed_s * MAX_MESSAGES_PER_S)
-        if self._tokens_count < 1.0:
-            return False
         self._tokens_count -= 1.0
-        return True
+        return self._tokens_count >= 0.0
 
 
 def _is_permitted(message: dict[str, Any], permitted: Collection[str]) -> bool:

@@ -11,19 +11,23 @@ The client makes the WebSocket's address from its page's address without the las
 from __future__ import annotations
 
 from collections.abc import Callable
-from urllib.parse import urlsplit
+from urllib.parse import urlencode
 
 from fastapi import FastAPI, Request, Response, WebSocket
 from fastapi.responses import RedirectResponse
 from starlette.requests import HTTPConnection
 
+from console.errors import TooManyError
+from console.origin import is_same_origin
 from console.roles import SignedIn
-from console.sockets import SessionSockets
+from console.sockets import TOO_MANY_CODE, SessionSockets
 from console.viewer.embedded import SUBPROTOCOL, EmbeddedViser, client_html
 from console.viewer.page import THEME_COOKIE, ScenePage, scene_page
 
 PAGE_PATH = "/viewer/scene/"
 SOCKET_PATH = "/viewer/scene"
+_QUERY = frozenset({"fixedDpr"})
+"""A coarser picture, for a computer that draws slowly."""
 Authenticate = Callable[[HTTPConnection], SignedIn | None]
 """Returns who sent a request, from its session cookie; None for nobody."""
 
@@ -44,6 +48,9 @@ def mount(
     async def viewer_page(request: Request) -> Response:
         if authenticate(request) is None:
             return RedirectResponse(sign_in_url, status_code=303)
+        query = plain_query(request)
+        if query != request.url.query:
+            return RedirectResponse(f"{PAGE_PATH}?{query}" if query else PAGE_PATH, status_code=303)
         return _page_response(page, request)
 
     @app.websocket(SOCKET_PATH)
@@ -53,18 +60,25 @@ def mount(
             # Before accept(): the browser gets a plain 403, and viser never hears of it.
             await socket.close(1008)
             return
-        await socket.accept(subprotocol=SUBPROTOCOL)
-        forget = sockets.add(visitor.session_id, lambda: embedded.close_session(visitor.session_id))
         try:
+            forget = sockets.add(visitor.session_id, lambda: embedded.close_session(visitor.session_id))
+        except TooManyError as error:
+            await socket.close(TOO_MANY_CODE, str(error))
+            return
+        try:
+            await socket.accept(subprotocol=SUBPROTOCOL)
             await embedded.serve(socket, visitor, prefers_light=socket.cookies.get(THEME_COOKIE) == "light")
         finally:
             forget()
 
 
-def is_same_origin(connection: HTTPConnection) -> bool:
-    """Whether a request says that it comes from a page of this very host; a missing Origin does not."""
-    origin, host = connection.headers.get("origin"), connection.headers.get("host")
-    return bool(origin and host) and urlsplit(origin or "").netloc.lower() == (host or "").lower()
+def plain_query(request: Request) -> str:
+    """Return what of a query viser's client may read.
+
+    It would show, in the place of our building, any scene that its query leads to, one that is within the query as
+    well (``?playbackPath=data:…``): somebody who followed a link would see a walker who is not there.
+    """
+    return urlencode([(name, value) for name, value in request.query_params.multi_items() if name in _QUERY])
 
 
 def _page_response(page: ScenePage, request: Request) -> Response:

@@ -1,7 +1,8 @@
 """The page that carries the scene: viser's client, with our own script, under a strict Content-Security-Policy.
 
 The client is a single HTML file with a single inline script. It would connect to, and run code from, any address given
-in its query (``?websocket=``, ``?playbackPath=``); ``connect-src 'self'`` ends both.
+in its query (``?websocket=``, ``?playbackPath=``); :func:`console.viewer.mount.plain_query` takes both out of it, and
+``connect-src 'self'`` would end both but for what the query itself holds.
 """
 
 from __future__ import annotations

@@ -21,10 +21,13 @@ from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
 from navcore.errors import SiteError, VersionError, WireError
+from navcore.jpeg_size import refuse_picture
 from navcore.wire import (
     MESSAGES,
     PING_EVERY_S,
     PROTOCOL_VERSION,
+    ColourImage,
+    DepthImage,
     DeviceMessage,
     Event,
     EventConfirmed,
@@ -39,7 +42,8 @@ from navcore.wire import (
     decode_hello,
     encode,
 )
-from navcore.wire_pace import Allowance
+from navcore.wire_pace import Allowances
+from navcore.wire_row import Direction
 
 _log = logging.getLogger(__name__)
 HELLO_WITHIN_S = 10.0
@@ -152,18 +156,17 @@ async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:
 
 
 async def _receive_all(socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet) -> None:
-    allowances = {
-        kind: Allowance(row.rate_hz, services.hub.now_s()) for kind, row in MESSAGES.items() if row.rate_hz is not None
-    }
+    allowances = Allowances(MESSAGES, Direction.UP, services.hub.now_s())
     try:
         while True:
             data = await _receive_bytes(socket)
             message = decode_from_device(data)
-            allowance = allowances.get(type(message))
-            if allowance is not None and not allowance.take(services.hub.now_s()):
+            if not allowances.take(type(message), services.hub.now_s()):
                 raise WireError(_too_often(message))
             await _take(services, device_id, message, outlet)
             services.incidents.heard(device_id, type(message), data)
+            # Whoever sends without a pause would otherwise keep all others waiting: what is there is taken at once.
+            await asyncio.sleep(0)
     except WebSocketDisconnect:
         return
     except WireError as error:
@@ -186,6 +189,8 @@ async def _take(services: Services, device_id: str, message: DeviceMessage, outl
             outlet.send(EventConfirmed(message.sequence))
             if not is_new:
                 return
+        case DepthImage(jpeg=jpeg) | ColourImage(jpeg=jpeg):
+            refuse_picture(jpeg)
         case SettingsRunning():
             await run_in_threadpool(services.settings.note_running, device_id, message)
         case MapRunning(map_checksum, refusal) if not refusal and map_checksum == services.package.checksum:

@@ -16,6 +16,7 @@ from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
+from console.described import answers_with
 from console.errors import ConflictError
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
@@ -62,7 +63,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         await socket.accept()
         await _serve(socket, services, str(socket.state.device_name))
 
-    @app.get("/api/device/map/{sha256}", include_in_schema=False)
+    @app.get("/api/device/map/{sha256}", response_class=Response, responses=answers_with("application/zip"))
     def device_map(sha256: str) -> Response:
         # Ranges are answered, so that a download can go on where it was cut off.
         packed = services.package.named(sha256)

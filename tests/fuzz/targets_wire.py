@@ -45,6 +45,7 @@ GRAPH = PoiGraph(
     {"a-b": Edge("a-b", "a", "b", ((0.0, 0.0), (6.0, 0.0)), 6.0)},
     {"road-1": Road("road-1", ((0.0, 0.0), (3.0, 0.0), (6.0, 0.0)))},
 )
+NETWORK = RoadNetwork.from_roads([np.array(road.points_m) for road in GRAPH.roads.values()])
 HELLO = wire.Hello(wire.PROTOCOL_VERSION, "glasses", "0.1.0", "small", "c0ffee", 1, 0, 1000.0)
 STATE = wire.WalkerState(1000.0, "localized", "walk", "ok", pose=(1.0, 0.1, 1.6, 0.0), mode=Mode.GUIDING, eye_m=1.6)
 
@@ -167,7 +168,7 @@ def http_bodies(data: bytes) -> None:
 def edit_made(data: bytes) -> None:
     """An edit of the graph: it is made or refused, and the graph is sound afterwards."""
     edit = decode_edit(data)
-    after = evaluate(edit, GRAPH, RoadNetwork.from_roads([np.array(road.points_m) for road in GRAPH.roads.values()]))
+    after = evaluate(edit, GRAPH, NETWORK)
     validate(after)
     assert msgspec.json.decode(msgspec.json.encode(after), type=PoiGraph) == after
 

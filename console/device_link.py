@@ -21,6 +21,7 @@ from console.errors import ConflictError
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
+from console.told_once import ToldOnce
 from navcore.errors import SiteError, VersionError, WireError
 from navcore.jpeg_size import refuse_picture
 from navcore.wire import (
@@ -58,10 +59,12 @@ REFUSED_CODE = 4403
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
 
+    told = ToldOnce(services.hub.now_s)
+
     @app.websocket("/device")
     async def device(socket: WebSocket) -> None:
         await socket.accept()
-        await _serve(socket, services, str(socket.state.device_name))
+        await _serve(socket, services, str(socket.state.device_name), told)
 
     @app.get("/api/device/map/{sha256}", response_class=Response, responses=answers_with("application/zip"))
     def device_map(sha256: str) -> Response:
@@ -70,7 +73,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return FileResponse(packed.file, media_type="application/zip", headers={"ETag": f'"{packed.sha256}"'})
 
 
-async def _serve(socket: WebSocket, services: Services, token_name: str) -> None:
+async def _serve(socket: WebSocket, services: Services, token_name: str, told: ToldOnce) -> None:
     try:
         hello = await _hello(socket)
         await run_in_threadpool(services.devices.take_in, hello.device_id, token_name)
@@ -82,7 +85,7 @@ async def _serve(socket: WebSocket, services: Services, token_name: str) -> None
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
         return
-    await _run(socket, services, hello, token_name)
+    await _run(socket, services, hello, token_name, told)
 
 
 async def _hello(socket: WebSocket) -> Hello:
@@ -90,7 +93,7 @@ async def _hello(socket: WebSocket) -> Hello:
         return decode_hello(await _receive_bytes(socket))
 
 
-async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str) -> None:
+async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str, told: ToldOnce) -> None:
     hub, outlet = services.hub, SocketOutlet(asyncio.get_running_loop())
     last = await run_in_threadpool(services.devices.last_sequence, hello.device_id)
     events = await run_in_threadpool(services.devices.latest_events, hello.device_id, EVENTS_SHOWN_COUNT)
@@ -98,7 +101,7 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
     hub.connect(hello, token_name, outlet, events)
     tasks = [
         asyncio.create_task(_send_all(socket, outlet)),
-        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet)),
+        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet, told)),
         asyncio.create_task(_ping(hub, hello.device_id, outlet)),
     ]
     try:
@@ -156,7 +159,9 @@ async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:
             await socket.send_bytes(data)
 
 
-async def _receive_all(socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet) -> None:
+async def _receive_all(
+    socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet, told: ToldOnce
+) -> None:
     allowances = Allowances(MESSAGES, Direction.UP, services.hub.now_s())
     try:
         while True:
@@ -171,7 +176,8 @@ async def _receive_all(socket: WebSocket, services: Services, device_id: str, ou
     except WebSocketDisconnect:
         return
     except WireError as error:
-        _log.warning("The link of device %s is closed: %s", device_id, error)
+        if told.is_due(device_id):
+            _log.warning("The link of device %s is closed: %s", device_id, error)
         await _close(socket, UNREADABLE_CODE, str(error))
 
 

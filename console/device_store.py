@@ -16,6 +16,8 @@ from console.tables import DeviceRow, DeviceTokenRow, EventRow
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
+MAX_DEVICES_OF_TOKEN = 20
+"""What is known of every device that has called is held in memory: a token does not let in any number of them."""
 _NAME = re.compile(r"\w[\w .'()-]*")
 EventKind = Literal[
     "cue", "arrived", "route_refused", "localization", "sensor", "link", "mode", "watchdog", "button", "privacy"
@@ -105,10 +107,15 @@ class DeviceStore:
         return row.name if row is not None and row.revoked_at_s is None else None
 
     def take_in(self, device_id: str, token_name: str) -> None:
-        """Note that a device has called. Raises ConflictError where it belongs to another token."""
+        """Note that a device has called. Raises ConflictError where it belongs to another token, or they are too many."""
         with self._store.writing() as session:
             row = session.get(DeviceRow, device_id)
             if row is None:
+                mine = select(func.count()).where(DeviceRow.token_name == token_name)
+                if (session.scalar(mine) or 0) >= MAX_DEVICES_OF_TOKEN:
+                    raise ConflictError(
+                        f"The token of {token_name!r} lets in {MAX_DEVICES_OF_TOKEN} devices already: make one for each."
+                    )
                 session.add(DeviceRow(device_id=device_id, token_name=token_name))
             elif row.token_name != token_name:
                 raise ConflictError(

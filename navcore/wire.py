@@ -43,6 +43,9 @@ Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 MAX_NAMES_COUNT = 20
 Names = Annotated[tuple[ShortText, ...], msgspec.Meta(max_length=MAX_NAMES_COUNT)]
 MAX_ACCESSES_COUNT = 40
+Whole = Annotated[int, msgspec.Meta(ge=-(1 << 53), le=1 << 53)]
+Values = dict[ShortText, Finite | Whole | bool | str]
+"""Settings by their keys."""
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
@@ -54,7 +57,7 @@ class Hello(_Message, frozen=True, tag="hello"):
     """Who calls, and what it runs."""
 
     protocol_version: int
-    device_id: ShortText
+    device_id: Annotated[str, msgspec.Meta(min_length=1, max_length=120)]
     software_version: ShortText
     site_id: ShortText
     map_checksum: ShortText
@@ -194,7 +197,7 @@ class SettingsRunning(_Message, frozen=True, tag="settings_running"):
     """The settings that the device runs; the answer to ApplySettings and KeepSettings."""
 
     revision: Count
-    values: dict[str, float | int | bool | str]
+    values: Values
     refused_revision: Count | None = None
     """A revision that was asked for and does not run: it was refused, or tried out and not kept."""
     refusal: Text = ""
@@ -356,7 +359,7 @@ class ApplySettings(_Message, frozen=True, tag="apply_settings"):
     """Change these settings: all of them or, where one is refused, none; the others stay as they are."""
 
     revision: Count
-    values: dict[str, float | int | bool | str]
+    values: Values
     """Those that change."""
     revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
     """The settings before run again after this time unless these are kept; 0: these are kept at once, but what safety

@@ -201,7 +201,8 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
 """By name; each takes any bytes, and lets no error through but the product's own."""
 
 
-def _framed(*messages: wire.DeviceMessage | wire.ConsoleMessage) -> bytes:
+def framed(*messages: wire.DeviceMessage | wire.ConsoleMessage) -> bytes:
+    """Return messages one after the other, each with its length."""
     return b"".join(len(data := wire.encode(each)).to_bytes(2, "big") + data for each in messages)
 
 
@@ -221,8 +222,8 @@ SEEDS: dict[str, list[bytes]] = {
     "wire_device": [wire.encode(each) for each in UP],
     "wire_console": [wire.encode(each) for each in DOWN],
     "wire_greetings": [wire.encode(UP[0]), wire.encode(wire.Welcome(wire.PROTOCOL_VERSION, 5))],
-    "device_seen": [_framed(*UP[1:4]), *(_framed(each) for each in UP[1:])],
-    "device_ordered": [*(_framed(each) for each in DOWN), _framed(*DOWN[:4])],
+    "device_seen": [framed(*UP[1:4]), *(framed(each) for each in UP[1:])],
+    "device_ordered": [*(framed(each) for each in DOWN), framed(*DOWN[:4])],
     "jpeg_header": [silhouette_jpeg(np.full((12, 16), 2.0, np.float32))],
     "sonar_line": [
         b"".join(encoded(SonarLine(ms, SonarKind.ECHO, 1000 + ms)) for ms in (50, 100, 150)),

@@ -107,14 +107,14 @@ class DeviceStore:
         return row.name if row is not None and row.revoked_at_s is None else None
 
     def take_in(self, device_id: str, token_name: str) -> None:
-        """Note that a device has called. Raises ConflictError where it belongs to another token, or they are too many."""
+        """Note that a device has called. Raises ConflictError where it is another token's, or one too many."""
         with self._store.writing() as session:
             row = session.get(DeviceRow, device_id)
             if row is None:
                 mine = select(func.count()).where(DeviceRow.token_name == token_name)
                 if (session.scalar(mine) or 0) >= MAX_DEVICES_OF_TOKEN:
                     raise ConflictError(
-                        f"The token of {token_name!r} lets in {MAX_DEVICES_OF_TOKEN} devices already: make one for each."
+                        f"The token of {token_name!r} has {MAX_DEVICES_OF_TOKEN} devices already: make one for each."
                     )
                 session.add(DeviceRow(device_id=device_id, token_name=token_name))
             elif row.token_name != token_name:

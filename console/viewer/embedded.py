@@ -30,6 +30,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from viser.infra._messages import Message, get_type_hints_cached
 
 from console.roles import SignedIn
+from console.viewer.forms import has_form
 from console.viewer.guard import InboundGuard, Verdict
 
 VISER_VERSION = "1.1.1"
@@ -78,7 +79,7 @@ class Connection:
         while True:
             raw = await self._there(self._socket.receive_bytes())
             verdict = self._guard.judge(raw, time.monotonic())
-            if verdict is Verdict.PASS:
+            if verdict is Verdict.PASS and has_form(raw):
                 return raw
             if verdict is Verdict.CLOSE:
                 await self.close(1007, "This message cannot be read.")

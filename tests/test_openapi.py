@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sqlite3
 from collections.abc import Callable, Iterator
@@ -16,7 +17,8 @@ import httpx
 import hypothesis
 import pytest
 import schemathesis
-from console_room import DEFAULTS, PICTURE, DialledDevice, Person, hello_of, until
+from conftest import made_small_site
+from console_room import DEFAULTS, PICTURE, DialledDevice, Person, first_admin, hello_of, serving, until
 from fastapi.routing import APIRoute
 from schemathesis import GenerationMode
 from schemathesis.checks import not_a_server_error
@@ -27,6 +29,7 @@ from schemathesis.specs.openapi.checks import (
 )
 
 from console.server import ConsoleServer
+from navcore.site import save_site
 from navcore.wire import DepthImage, SettingsRunning, WalkerState, Welcome
 
 EXAMPLES = int(os.environ.get("VBR_OPENAPI_EXAMPLES", "2"))
@@ -77,11 +80,6 @@ class Asked:
 
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Asked]:
-    from conftest import made_small_site
-    from console_room import first_admin, serving
-
-    from navcore.site import save_site
-
     folder: Path = tmp_path_factory.mktemp("openapi")
     save_site(made_small_site(), folder / "site")
     with serving(folder / "site", folder / "data") as server:
@@ -167,7 +165,7 @@ def test_numbers_at_the_end_of_every_range_in_bodies_are_taken_or_refused(asked:
             for value in (*EXTREMES["integer"], 1e308, -1e308, float("inf"), float("nan"), 5e-324):
                 # As Python writes them; what is no JSON is refused as that.
                 answer = asked.admin.http.request(
-                    method, path, content=_json(put(value)), headers={"Content-Type": "application/json"}
+                    method, path, content=json.dumps(put(value)), headers={"Content-Type": "application/json"}
                 )
                 assert answer.status_code < 500, (path, where, value, answer.text)
 
@@ -188,12 +186,6 @@ def test_what_is_no_body_is_refused_with_a_sentence(asked: Asked, content: bytes
             answer = httpx.post(asked.server.ready.url + path, content=content, headers=sent, trust_env=False)
             assert 400 <= answer.status_code < 500, (path, answer.text)
             assert answer.json()["error"].endswith("."), answer.text
-
-
-def _json(value: object) -> bytes:
-    import json
-
-    return json.dumps(value).encode()
 
 
 def _operations(document: dict[str, Any]) -> Iterator[tuple[str, str, dict[str, Any]]]:

@@ -7,7 +7,7 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 
 from console.accounts import SESSION_LONGEST_S, User
-from console.bodies import FirstBody, InviteBody, LinkBody, SignInBody, TokenBody, UserChangeBody
+from console.bodies import FirstBody, InviteBody, LinkBody, Number, SignInBody, TokenBody, UserChangeBody
 from console.device_store import checked_name
 from console.pages import pages_for
 from console.requests import Visitor, json_response, link_to
@@ -76,18 +76,18 @@ def _add_user_routes(app: FastAPI, services: Services) -> None:
     def users() -> Response:
         return json_response({"users": [_user_view(user) for user in accounts.users()]})
 
-    @app.post("/api/users")
+    @app.post("/api/users", status_code=201)
     def invite(request: Request, visitor: Visitor, body: InviteBody) -> Response:
         user, token = accounts.invite(body.name, body.role, visitor.user_name)
         return json_response({"user": _user_view(user), "link": link_to(request, token)}, 201)
 
     @app.patch("/api/users/{user_id}")
-    def change(visitor: Visitor, user_id: int, body: UserChangeBody) -> Response:
+    def change(visitor: Visitor, user_id: Number, body: UserChangeBody) -> Response:
         user = accounts.change(user_id, visitor.user_name, body.role, body.disabled)
         return json_response({"user": _user_view(user)})
 
-    @app.post("/api/users/{user_id}/link")
-    def new_link(request: Request, visitor: Visitor, user_id: int) -> Response:
+    @app.post("/api/users/{user_id}/link", status_code=201)
+    def new_link(request: Request, visitor: Visitor, user_id: Number) -> Response:
         return json_response({"link": link_to(request, accounts.new_password_link(user_id, visitor.user_name))}, 201)
 
 
@@ -98,7 +98,7 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
     def tokens() -> Response:
         return json_response({"tokens": devices.tokens()})
 
-    @app.post("/api/tokens")
+    @app.post("/api/tokens", status_code=201)
     def create_token(visitor: Visitor, body: TokenBody) -> Response:
         token = devices.create_token(body.name, visitor.user_name)
         services.close_void_links()

@@ -12,6 +12,7 @@ from console.alerts.incident_bundle import bundle
 from console.alerts.incidents import Cause
 from console.alerts.rules import RULES
 from console.bodies import AcknowledgeBody, EndWatchBody, ShelveBody
+from console.described import NO_ROOM, answers_with
 from console.incident_timeline import IncidentTimeline
 from console.requests import Visitor, json_response
 from console.services import Services
@@ -109,12 +110,14 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
             }
         )
 
-    @app.get("/api/incidents/{incident_id}/depth.jpg")
+    @app.get("/api/incidents/{incident_id}/depth.jpg", response_class=Response, responses=answers_with("image/jpeg"))
     def depth(visitor: Visitor, incident_id: str, at: At) -> Response:
         timeline = noted_timeline(services, visitor.user_name, incident_id)
         return Response(timeline.depth_jpeg(timeline.began_s + at), media_type="image/jpeg")
 
-    @app.get("/api/incidents/{incident_id}/bundle.zip")
+    @app.get(
+        "/api/incidents/{incident_id}/bundle.zip", response_class=Response, responses=answers_with("application/zip")
+    )
     def download(visitor: Visitor, incident_id: str) -> Response:
         incident = incidents.named(incident_id)
         alert_ids = [cause.alert_id for cause in incident.causes if cause.alert_id]
@@ -132,7 +135,7 @@ def _add_incident_routes(app: FastAPI, services: Services) -> None:
         services.store.audit(visitor.user_name, "incident_delete", f"{incident.device_name} {incident_id}")
         return json_response({})
 
-    @app.post("/api/devices/{device_id}/keep")
+    @app.post("/api/devices/{device_id}/keep", status_code=202, responses=NO_ROOM)
     def keep(visitor: Visitor, device_id: str) -> Response:
         """Keep what was heard of a device in the last half minute, and in the next."""
         cause = Cause(services.store.wall_s(), "asked", "Somebody has asked for it.", who=visitor.user_name)

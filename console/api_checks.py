@@ -6,6 +6,7 @@ from typing import Annotated
 
 from fastapi import FastAPI, Query, Response
 
+from console.described import answers_with
 from console.floor_plans import FloorPlans
 from console.map_geometry.plan_layout import Theme
 from console.requests import json_response
@@ -28,7 +29,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         checks.start()
         return json_response(checks.wait(BRIEFLY_S))
 
-    @app.get("/api/floor-plan.png")
+    @app.get("/api/floor-plan.png", response_class=Response, responses=answers_with("image/png"))
     def plan(theme: Annotated[Theme, Query()] = "light") -> Response:
         drawn = plans.picture(theme)
         # Where the picture lies in the map, for programs that lay it under something else.
@@ -39,6 +40,6 @@ def add_routes(app: FastAPI, services: Services) -> None:
         }
         return Response(drawn.png, media_type="image/png", headers=headers)
 
-    @app.get("/api/floor-plan.svg")
+    @app.get("/api/floor-plan.svg", response_class=Response, responses=answers_with("image/svg+xml"))
     def plan_as_svg(theme: Annotated[Theme, Query()] = "light") -> Response:
         return Response(plans.drawing(theme), media_type="image/svg+xml")

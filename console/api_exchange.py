@@ -13,6 +13,7 @@ from fastapi import FastAPI, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
+from console.described import FILE_BODY, NO_ROOM, answers_with
 from console.edit_words import described
 from console.errors import BadRequestError, ConflictError
 from console.graph_delta import GraphDelta, difference
@@ -34,21 +35,21 @@ Token = Annotated[str, Query(max_length=64, pattern="^[0-9a-f]*$")]
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
 
-    @app.get("/api/export/{what}")
+    @app.get("/api/export/{what}", response_class=Response, responses=answers_with("*/*") | NO_ROOM)
     def export(visitor: Visitor, what: str, published: bool = False) -> Response:
         made = services.exports.make(what, published=published)
         services.store.audit(visitor.user_name, "export", made.name)
         headers = {"Content-Disposition": f'attachment; filename="{made.name}"', "Content-Length": str(made.size_bytes)}
         return StreamingResponse(made.pieces(), media_type=made.media_type, headers=headers)
 
-    @app.post("/api/import/graph")
+    @app.post("/api/import/graph", openapi_extra=FILE_BODY)
     async def import_graph(request: Request, visitor: Visitor, name: FileName = "", confirm: Token = "") -> Response:
         """Look at a file, and with the preview's token make it the draft."""
         # The rule of this route bounds it; a graph has to be whole before anything can be said of it.
         data = await request.body()
         return json_response(await run_in_threadpool(_import_graph, services, visitor.user_name, data, name, confirm))
 
-    @app.post("/api/import/site")
+    @app.post("/api/import/site", status_code=201, responses=NO_ROOM, openapi_extra=FILE_BODY)
     async def import_site(request: Request, visitor: Visitor) -> Response:
         """Take a site's archive in, piece by piece, and make it a site beside the others."""
         length = request.headers.get("content-length", "")

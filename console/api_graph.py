@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
-from fastapi import FastAPI, Query, Request, Response
+from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
 
-from console.bodies import PublishBody, ViewBody
+from console.bodies import Number, PublishBody, ViewBody
+from console.described import json_body
 from console.edit_words import sentence_of
 from console.edits import Edit
 from console.errors import BadRequestError, NotFoundError
@@ -26,7 +27,6 @@ from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
 HISTORY_SHOWN_COUNT = 200
 _edit_decoder: msgspec.json.Decoder[Edit] = msgspec.json.Decoder(Edit)
-_EDIT_SCHEMA = {"requestBody": {"required": True, "content": {"application/json": {"schema": {"type": "object"}}}}}
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -41,10 +41,8 @@ def add_routes(app: FastAPI, services: Services) -> None:
     def history() -> Response:
         return json_response({"history": [_entry_view(entry) for entry in model.history(HISTORY_SHOWN_COUNT)]})
 
-    @app.post("/api/edits", openapi_extra=_EDIT_SCHEMA)
-    async def edit(
-        request: Request, visitor: Visitor, base_version: Annotated[int | None, Query(ge=0)] = None
-    ) -> Response:
+    @app.post("/api/edits", openapi_extra=json_body(Edit))
+    async def edit(request: Request, visitor: Visitor, base_version: Number | None = None) -> Response:
         """Make an edit; ``base_version`` is the version that the person saw."""
         wanted = decode_edit(await request.body())
         await run_in_threadpool(model.apply, wanted, visitor.user_name, base_version)

@@ -8,6 +8,7 @@ from fastapi import FastAPI, Response
 
 from console.api_devices import asked
 from console.bodies import AskColourBody, DaysBody
+from console.described import answers_with
 from console.errors import BadRequestError
 from console.requests import Visitor, json_response
 from console.retention import DEFAULT_DAYS, MAX_DAYS, MIN_DAYS
@@ -23,14 +24,14 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
 
 def _add_colour_routes(app: FastAPI, services: Services) -> None:
-    @app.post("/api/devices/{device_id}/colour")
+    @app.post("/api/devices/{device_id}/colour", status_code=202)
     def ask_colour(visitor: Visitor, device_id: str, body: AskColourBody) -> Response:
         why = " ".join(body.why.split())
         if not why.isprintable():
             raise BadRequestError("This reason cannot be said to the walker: write letters and digits.")
         return asked(services.hub.ask_colour(device_id, why, visitor.user_name))
 
-    @app.get("/api/devices/{device_id}/colour.jpg")
+    @app.get("/api/devices/{device_id}/colour.jpg", response_class=Response, responses=answers_with("image/jpeg"))
     def colour_image(visitor: Visitor, device_id: str) -> Response:
         image = services.hub.colour_image(device_id, visitor.user_name)
         services.watching.looked(visitor.user_name, device_id)

@@ -7,10 +7,12 @@ from typing import Any
 from fastapi import FastAPI, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from console.bodies import Number
+from console.described import FILE_BODY, NO_ROOM, json_body
 from console.recordings import StoredRecording, offer_of
 from console.requests import Visitor, json_response
 from console.services import Services
-from navcore.recording_upload import OFFERS_PATH
+from navcore.recording_upload import OFFERS_PATH, RecordingOffer
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -22,13 +24,13 @@ def add_routes(app: FastAPI, services: Services) -> None:
 def _add_device_routes(app: FastAPI, services: Services) -> None:
     recordings = services.recordings
 
-    @app.post(OFFERS_PATH, include_in_schema=False)
+    @app.post(OFFERS_PATH, responses=NO_ROOM, openapi_extra=json_body(RecordingOffer))
     async def offer(request: Request) -> Response:
         offered = offer_of(await request.body())
         return json_response(await run_in_threadpool(recordings.offer, offered, str(request.state.device_name)))
 
-    @app.put(OFFERS_PATH + "/{sha256}", include_in_schema=False)
-    async def piece(request: Request, sha256: str, offset: int) -> Response:
+    @app.put(OFFERS_PATH + "/{sha256}", responses=NO_ROOM, openapi_extra=FILE_BODY)
+    async def piece(request: Request, sha256: str, offset: Number) -> Response:
         return json_response(await run_in_threadpool(recordings.add, sha256, offset, await request.body()))
 
 
@@ -37,7 +39,7 @@ def _add_people_routes(app: FastAPI, services: Services) -> None:
     def recordings() -> Response:
         return json_response({"recordings": [_view(services, stored) for stored in services.recordings.all()]})
 
-    @app.post("/api/recordings/{sha256}/map")
+    @app.post("/api/recordings/{sha256}/map", status_code=202)
     def build(visitor: Visitor, sha256: str) -> Response:
         services.builds.start(sha256, visitor.user_name)
         services.store.audit(visitor.user_name, "build_map", sha256)

@@ -8,6 +8,7 @@ import msgspec
 from fastapi import FastAPI, Response
 
 from console.bodies import RehearsalBody
+from console.described import answers_with
 from console.requests import json_response
 from console.services import Services
 from navcore.rehearsal.rehearsing import Rehearsal, Utterance
@@ -28,7 +29,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         done = services.rehearsals.rehearse(graph, body.start, body.destination, Settings().changed(changes))
         return json_response(_view(services, done, graph.version))
 
-    @app.get(_SOUNDS_PATH + "/{key}")
+    @app.get(_SOUNDS_PATH + "/{key}", response_class=Response, responses=answers_with("audio/wav"))
     def sound(key: str) -> Response:
         return Response(services.sounds.wav(key), media_type="audio/wav", headers=_WAV_HEADERS)
 

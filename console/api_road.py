@@ -9,7 +9,9 @@ from fastapi import FastAPI, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from console.api_graph import decode_edit
+from console.described import json_body
 from console.edit_words import described
+from console.edits import Edit
 from console.errors import NotFoundError
 from console.graph_delta import difference
 from console.model import SiteModel
@@ -41,7 +43,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
             raise NotFoundError("There is no such road: it may have been deleted meanwhile.")
         return _place_response(place_along(np.array(road.points_m), distance_m))
 
-    @app.post("/api/preview", openapi_extra={"requestBody": {"required": True}})
+    @app.post("/api/preview", openapi_extra=json_body(Edit))
     async def preview(request: Request) -> Response:
         """What an edit would change, in words; it changes nothing."""
         wanted = decode_edit(await request.body())

@@ -52,17 +52,17 @@ def _add_reading_routes(app: FastAPI, services: Services) -> None:
 def _add_changing_routes(app: FastAPI, services: Services) -> None:
     tuning, hub = services.tuning, services.hub
 
-    @app.patch("/api/devices/{device_id}/settings")
+    @app.patch("/api/devices/{device_id}/settings", status_code=202)
     def change_settings(visitor: Visitor, device_id: str, body: SettingsBody) -> Response:
         command = tuning.change(device_id, body.changes, visitor.user_name, _confirmation(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
-    @app.post("/api/devices/{device_id}/settings/back")
+    @app.post("/api/devices/{device_id}/settings/back", status_code=202)
     def back(visitor: Visitor, device_id: str, body: BackToBody) -> Response:
         command = tuning.back_to(device_id, body.revision, visitor.user_name, _confirmation(body), body.seen_revision)
         return json_response({"command": command, **_settings_view(services, hub.device(device_id))}, 202)
 
-    @app.post("/api/devices/{device_id}/settings/keep")
+    @app.post("/api/devices/{device_id}/settings/keep", status_code=202)
     def keep(visitor: Visitor, device_id: str, body: KeepBody) -> Response:
         command = tuning.keep(device_id, body.revision, visitor.user_name, keep=body.keep)
         return json_response({"command": command}, 202)
@@ -81,12 +81,12 @@ def _add_preset_routes(app: FastAPI, services: Services) -> None:
         answer.headers["Content-Disposition"] = 'attachment; filename="preset.json"'
         return answer
 
-    @app.post("/api/settings/presets")
+    @app.post("/api/settings/presets", status_code=201)
     def save(visitor: Visitor, body: SavePresetBody) -> Response:
         values = body.values or services.tuning.told_values(body.device_id)
         return json_response({"preset": _preset_view(presets.save(body.name, values, visitor.user_name))}, 201)
 
-    @app.post("/api/settings/presets/import")
+    @app.post("/api/settings/presets/import", status_code=201)
     def import_preset(visitor: Visitor, body: PresetFileBody) -> Response:
         return json_response({"preset": _preset_view(presets.save(body.name, body.values, visitor.user_name))}, 201)
 

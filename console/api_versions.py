@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Any
 
-from fastapi import FastAPI, Path, Query, Response
+from fastapi import FastAPI, Response
 
 from console.api_graph import graph_view
-from console.bodies import PresenceBody, RollBackBody, VersionBody
+from console.bodies import Number, PresenceBody, RollBackBody, VersionBody
 from console.edit_words import described
 from console.graph_delta import difference
 from console.model import SiteModel
 from console.presence import Present
 from console.requests import Visitor, json_response
 from console.services import Services
-
-Version = Annotated[int, Path(ge=0)]
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -26,13 +24,13 @@ def add_routes(app: FastAPI, services: Services) -> None:
     def versions() -> Response:
         return json_response(versions_view(model))
 
-    @app.post("/api/versions")
+    @app.post("/api/versions", status_code=201)
     def name_version(visitor: Visitor, body: VersionBody) -> Response:
         model.name_version(body.name.strip() or "Unnamed", visitor.user_name)
         return json_response(versions_view(model), 201)
 
     @app.get("/api/versions/{version}/difference")
-    def version_difference(version: Version, to: Annotated[int | None, Query(ge=0)] = None) -> Response:
+    def version_difference(version: Number, to: Number | None = None) -> Response:
         """What leads from a version to another one; to the draft where none is named."""
         before = model.graph_at(version)
         after = model.graph if to is None else model.graph_at(to)
@@ -40,7 +38,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response({"from": version, "to": after.version, "changes": changes})
 
     @app.post("/api/versions/{version}/roll-back")
-    def roll_back(visitor: Visitor, version: Version, body: RollBackBody | None = None) -> Response:
+    def roll_back(visitor: Visitor, version: Number, body: RollBackBody | None = None) -> Response:
         model.roll_back(version, visitor.user_name, body.base_version if body is not None else None)
         return json_response(graph_view(model, visitor.user_name))
 

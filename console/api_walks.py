@@ -11,6 +11,7 @@ from typing import Annotated, Any
 from fastapi import FastAPI, Query
 from fastapi.responses import Response
 
+from console.described import answers_with
 from console.past_walks import PastWalk
 from console.requests import Visitor, json_response
 from console.services import Services
@@ -62,7 +63,7 @@ def _add_list_routes(app: FastAPI, services: Services) -> None:
         layers = together(each.layers for each in found if each is not None)
         return json_response({"layers": layers, "walk_count": len(found), "reading_count": found.count(None)})
 
-    @app.get("/api/walk-figures.csv")
+    @app.get("/api/walk-figures.csv", response_class=Response, responses=answers_with("text/csv"))
     def figures(visitor: Visitor, walk: Ids) -> Response:
         chosen = walks_named(library, walk)
         for each in chosen:
@@ -97,7 +98,7 @@ def _add_walk_routes(app: FastAPI, services: Services) -> None:
         note_access(services, visitor.user_name, walk)
         return json_response({"instants": instants_view(timeline, begin_s, end_s, step_s)})
 
-    @app.get("/api/walks/{walk_id}/depth.jpg")
+    @app.get("/api/walks/{walk_id}/depth.jpg", response_class=Response, responses=answers_with("image/jpeg"))
     def depth(visitor: Visitor, walk_id: str, at: At) -> Response:
         walk = library.walks.named(walk_id)
         timeline = library.timeline(walk)

@@ -24,7 +24,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         note_list(services, visitor.user_name)
         return json_response({"walks": [_walk_view(walk) for walk in services.walks.all()]})
 
-    @app.post("/api/what-if")
+    @app.post("/api/what-if", status_code=202)
     def ask(visitor: Visitor, body: WhatIfBody) -> Response:
         note_access(services, visitor.user_name, services.walks.named(body.walk_id))
         return json_response(_run_view(what_ifs.start(body.walk_id, body.changes, body.last_s)), 202)

@@ -36,6 +36,7 @@ from console import (
     overview_socket,
     pages,
 )
+from console.described import describe
 from console.errors import BadRequestError, ConsoleError, NotFoundError
 from console.security import Guard, error_response
 from console.services import Services
@@ -89,6 +90,7 @@ def app_of(services: Services) -> FastAPI:
     for module in _ROUTES:
         module.add_routes(app, services)
     pages.add_routes(app)
+    describe(app)
     return app
 
 

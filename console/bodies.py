@@ -17,6 +17,10 @@ Password = Annotated[str, Field(max_length=1000)]
 PersonName = Annotated[str, Field(min_length=1, max_length=200)]
 Token = Annotated[str, Field(min_length=1, max_length=200)]
 
+MAX_NUMBER = 1 << 53
+"""As far as every database and language in use counts exactly."""
+Number = Annotated[int, Field(ge=0, le=MAX_NUMBER)]
+"""Names a version, a revision or a person."""
 MapMetres = Annotated[float, Field(ge=-100_000.0, le=100_000.0, allow_inf_nan=False)]
 
 
@@ -84,7 +88,7 @@ class PastViewBody(_Body):
 
     walk: Annotated[str, Field(max_length=120)] = ""
     incident: Annotated[str, Field(max_length=64)] = ""
-    at_s: Annotated[float, Field(ge=0.0, le=1e6)]
+    at_s: Annotated[float, Field(ge=0.0, le=1e6, allow_inf_nan=False)]
     clock: Annotated[str, Field(pattern=r"^[0-9]{2}:[0-9]{2}:[0-9]{2}$")]
     """The time of day of then, where the person is."""
 
@@ -102,7 +106,7 @@ class PublishBody(_Body):
     """Publish the draft; ``confirmed`` where somebody has seen the errors of this ``version``."""
 
     confirmed: bool = False
-    version: Annotated[int, Field(ge=0)] | None = None
+    version: Number | None = None
 
     @model_validator(mode="after")
     def _says_what_was_seen(self) -> PublishBody:
@@ -114,7 +118,7 @@ class PublishBody(_Body):
 class RollBackBody(_Body):
     """Go back to an earlier version; ``base_version`` is the draft's that was looked at."""
 
-    base_version: Annotated[int, Field(ge=0)] | None = None
+    base_version: Number | None = None
 
 
 class VersionBody(_Body):
@@ -173,7 +177,7 @@ class _ConfirmationBody(_Body):
     """Why that is changed though somebody is being led."""
     trial_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)] = TRIAL_S
     """How long it is tried out."""
-    seen_revision: Annotated[int, Field(ge=0)] | None = None
+    seen_revision: Number | None = None
     """What the device ran when somebody decided; refused where another one runs by now."""
 
 
@@ -186,13 +190,13 @@ class SettingsBody(_ConfirmationBody):
 class BackToBody(_ConfirmationBody):
     """An earlier revision to run again."""
 
-    revision: Annotated[int, Field(ge=1)]
+    revision: Annotated[int, Field(ge=1, le=MAX_NUMBER)]
 
 
 class KeepBody(_Body):
     """Keep the revision that is tried out, or give it up."""
 
-    revision: Annotated[int, Field(ge=1)]
+    revision: Annotated[int, Field(ge=1, le=MAX_NUMBER)]
     keep: bool = True
 
 

@@ -16,15 +16,20 @@ from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
 from starlette.concurrency import run_in_threadpool
 
+from console.described import answers_with
 from console.errors import ConflictError, TooManyError
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
+from console.told_once import ToldOnce
 from navcore.errors import SiteError, VersionError, WireError
+from navcore.jpeg_size import refuse_picture
 from navcore.wire import (
     MESSAGES,
     PING_EVERY_S,
     PROTOCOL_VERSION,
+    ColourImage,
+    DepthImage,
     DeviceMessage,
     Event,
     EventConfirmed,
@@ -39,7 +44,8 @@ from navcore.wire import (
     decode_hello,
     encode,
 )
-from navcore.wire_pace import Allowance
+from navcore.wire_pace import Allowances
+from navcore.wire_row import Direction
 
 _log = logging.getLogger(__name__)
 HELLO_WITHIN_S = 10.0
@@ -54,19 +60,21 @@ REVOKED_CODE = 4401
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
 
+    told = ToldOnce(services.hub.now_s)
+
     @app.websocket("/device")
     async def device(socket: WebSocket) -> None:
         await socket.accept()
-        await _serve(socket, services, str(socket.state.device_name), str(socket.state.device_token_id))
+        await _serve(socket, services, str(socket.state.device_name), str(socket.state.device_token_id), told)
 
-    @app.get("/api/device/map/{sha256}", include_in_schema=False)
+    @app.get("/api/device/map/{sha256}", response_class=Response, responses=answers_with("application/zip"))
     def device_map(sha256: str) -> Response:
         # Ranges are answered, so that a download can go on where it was cut off.
         packed = services.package.named(sha256)
         return FileResponse(packed.file, media_type="application/zip", headers={"ETag": f'"{packed.sha256}"'})
 
 
-async def _serve(socket: WebSocket, services: Services, token_name: str, token_id: str) -> None:
+async def _serve(socket: WebSocket, services: Services, token_name: str, token_id: str, told: ToldOnce) -> None:
     try:
         hello = await _hello(socket)
         await run_in_threadpool(services.devices.take_in, hello.device_id, token_name)
@@ -78,7 +86,7 @@ async def _serve(socket: WebSocket, services: Services, token_name: str, token_i
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
         return
-    await _run(socket, services, hello, token_name, token_id)
+    await _run(socket, services, hello, token_name, token_id, told)
 
 
 async def _hello(socket: WebSocket) -> Hello:
@@ -86,7 +94,9 @@ async def _hello(socket: WebSocket) -> Hello:
         return decode_hello(await _receive_bytes(socket))
 
 
-async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: str, token_id: str) -> None:
+async def _run(
+    socket: WebSocket, services: Services, hello: Hello, token_name: str, token_id: str, told: ToldOnce
+) -> None:
     hub, outlet = services.hub, SocketOutlet(asyncio.get_running_loop())
     try:
         forget = services.device_sockets.add(token_id, lambda: outlet.close(REVOKED_CODE, "This token was revoked."))
@@ -99,7 +109,7 @@ async def _run(socket: WebSocket, services: Services, hello: Hello, token_name: 
     hub.connect(hello, token_name, outlet, events)
     tasks = [
         asyncio.create_task(_send_all(socket, outlet)),
-        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet)),
+        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet, told)),
         asyncio.create_task(_ping(hub, hello.device_id, outlet)),
     ]
     try:
@@ -158,23 +168,25 @@ async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:
             await socket.send_bytes(data)
 
 
-async def _receive_all(socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet) -> None:
-    allowances = {
-        kind: Allowance(row.rate_hz, services.hub.now_s()) for kind, row in MESSAGES.items() if row.rate_hz is not None
-    }
+async def _receive_all(
+    socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet, told: ToldOnce
+) -> None:
+    allowances = Allowances(MESSAGES, Direction.UP, services.hub.now_s())
     try:
         while True:
             data = await _receive_bytes(socket)
             message = decode_from_device(data)
-            allowance = allowances.get(type(message))
-            if allowance is not None and not allowance.take(services.hub.now_s()):
+            if not allowances.take(type(message), services.hub.now_s()):
                 raise WireError(_too_often(message))
             await _take(services, device_id, message, outlet)
             services.incidents.heard(device_id, type(message), data)
+            # Whoever sends without a pause would otherwise keep all others waiting: what is there is taken at once.
+            await asyncio.sleep(0)
     except WebSocketDisconnect:
         return
     except WireError as error:
-        _log.warning("The link of device %s is closed: %s", device_id, error)
+        if told.is_due(device_id):
+            _log.warning("The link of device %s is closed: %s", device_id, error)
         await _close(socket, UNREADABLE_CODE, str(error))
 
 
@@ -193,6 +205,8 @@ async def _take(services: Services, device_id: str, message: DeviceMessage, outl
             outlet.send(EventConfirmed(message.sequence))
             if not is_new:
                 return
+        case DepthImage(jpeg=jpeg) | ColourImage(jpeg=jpeg):
+            refuse_picture(jpeg)
         case SettingsRunning():
             await run_in_threadpool(services.settings.note_running, device_id, message)
         case MapRunning(map_checksum, refusal) if not refusal and map_checksum == services.package.checksum:

@@ -122,7 +122,7 @@ class DeviceStore:
                 if (session.scalar(mine) or 0) >= MAX_DEVICES_OF_TOKEN_COUNT:
                     raise ConflictError(
                         f"{MAX_DEVICES_OF_TOKEN_COUNT} devices have called with the token of {token_name!r}: make"
-                        " another one with `vbr console token NAME`."
+                        " one for each with `vbr console token NAME`."
                     )
                 session.add(DeviceRow(device_id=device_id, token_name=token_name))
             elif row.token_name != token_name:

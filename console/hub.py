@@ -18,11 +18,12 @@ import msgspec
 
 from console.clock_offset import ClockOffset
 from console.command_fate import judge, superseded
-from console.errors import ConflictError, NotFoundError
+from console.errors import ConflictError, NotFoundError, TooManyError
 from console.live import COMMANDS_KEPT_COUNT, EVENTS_KEPT_COUNT, Command, CommandKind, LiveDevice
 from console.overruled import as_heard
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire import (
+    MESSAGES,
     ORDER_HOLDS_S,
     ApplySettings,
     AskColour,
@@ -54,8 +55,12 @@ from navcore.wire import (
     WalkerState,
     Watchers,
 )
+from navcore.wire_pace import Allowances
+from navcore.wire_row import Direction
 
 _log = logging.getLogger(__name__)
+_WAIT_S = 5.0
+"""So long whoever has asked too often is told to wait."""
 Listener = Callable[[LiveDevice], None]
 
 
@@ -84,6 +89,8 @@ class DeviceHub:
         self._devices: dict[str, LiveDevice] = {}
         self._outlets: dict[str, Outlet] = {}
         self._clocks: dict[str, ClockOffset] = {}
+        self._allowances: dict[str, Allowances] = {}
+        """Of what people ask of each connected device: more than the table allows would end its link."""
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
         self._ahead: set[str] = set()
@@ -131,6 +138,7 @@ class DeviceHub:
             if older is not None:
                 older.close(4409, "The same device has connected again.")
             clock = self._clocks[hello.device_id] = ClockOffset(hello.now_s, now_s)
+            self._allowances[hello.device_id] = Allowances(MESSAGES, Direction.DOWN, now_s)
             self._outlets[hello.device_id] = outlet
             known = self._devices.get(hello.device_id)
             device = LiveDevice(
@@ -152,7 +160,7 @@ class DeviceHub:
         with self._lock:
             if self._outlets.get(device_id) is not outlet:
                 return
-            del self._outlets[device_id]
+            del self._outlets[device_id], self._allowances[device_id]
             device = self._devices[device_id]
             now_s = self.now_s()
             commands = tuple(
@@ -242,7 +250,7 @@ class DeviceHub:
 
     # ----------------------------------------------------------------------------------------------- commands
     def set_destination(self, device_id: str, poi_id: str, who: str) -> Command:
-        """Lead the walker to a PoI. Raises NotFoundError or ConflictError, as all commands do."""
+        """Lead the walker to a PoI. Raises NotFoundError, ConflictError or TooManyError, as all commands do."""
         return self._command(device_id, "set_destination", poi_id, who, SetDestination(poi_id, who[:120]))
 
     def clear(self, device_id: str, who: str) -> Command:
@@ -292,6 +300,8 @@ class DeviceHub:
         with self._lock:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
+            if not self._allowances[device_id].take(type(message), now_s):
+                raise TooManyError(f"{device.name} has been asked that too often: wait a few seconds.", _WAIT_S)
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
             if isinstance(message, Order):
                 expires_s = _expires_s(device, now_s)

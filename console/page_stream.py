@@ -93,7 +93,7 @@ async def _listen(socket: WebSocket, now_s: Callable[[], float], watches: Callab
     allowance = Allowance(SAID_HZ, now_s())
     while (received := await socket.receive())["type"] != "websocket.disconnect":
         received_s = now_s()
-        said = _read(received.get("text") or "")
+        said = read_said(received.get("text") or "")
         if said is None or not allowance.take(received_s):
             return REFUSED_CODE
         if isinstance(said, Watches):
@@ -105,7 +105,8 @@ async def _listen(socket: WebSocket, now_s: Callable[[], float], watches: Callab
     return 1000
 
 
-def _read(text: str) -> ClockAsked | Watches | None:
+def read_said(text: str) -> ClockAsked | Watches | None:
+    """Return what a page says; None where it cannot be read."""
     if len(text) > MAX_SAID_BYTES:
         return None
     try:

@@ -16,10 +16,12 @@ from console.walk_marks import Mark, on_the_way
 MAX_INSTANTS = 120
 _CURVE_POINTS = 1200
 _TRAIL_POINTS = 3000
-From = Annotated[float, Query(alias="from", ge=0.0)]
-To = Annotated[float, Query(alias="to", ge=0.0)]
-Step = Annotated[float, Query(alias="step", ge=0.02, le=60.0)]
-At = Annotated[float, Query(ge=0.0)]
+MAX_TIME_S = 1e9
+"""No stretch of the past is longer."""
+From = Annotated[float, Query(alias="from", ge=0.0, le=MAX_TIME_S, allow_inf_nan=False)]
+To = Annotated[float, Query(alias="to", ge=0.0, le=MAX_TIME_S, allow_inf_nan=False)]
+Step = Annotated[float, Query(alias="step", ge=0.02, le=60.0, allow_inf_nan=False)]
+At = Annotated[float, Query(ge=0.0, le=MAX_TIME_S, allow_inf_nan=False)]
 
 
 def whole_view(timeline: Timeline, marks: tuple[Mark, ...]) -> dict[str, Any]:

@@ -18,6 +18,9 @@ from navcore.wire import ApplySettings
 
 TRIAL_S = 60.0
 """So long something that safety hangs on runs unless it is kept."""
+MAX_BELIEVED_REVISION = 1 << 40
+"""No console counts so far. The numbers are counted for all devices together, and what one device claims to run must
+not use up those that the wire has for the others."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +95,7 @@ class Tuning:
         revert_after_s = confirmation.trial_s if draft.safety else 0.0
         override = confirmation.override_reason if draft.safety and device.leads_somebody else ""
         revision = self._settings.add(
-            device_id, who, confirmation.why, draft.before, draft.after, newer_than=device.settings_revision,
+            device_id, who, confirmation.why, draft.before, draft.after, newer_than=_believed(device.settings_revision),
             revert_after_s=revert_after_s, override_reason=override,
         )  # fmt: skip
         # What is not changed is not sent: whoever changed it in the meantime is not undone.
@@ -147,6 +150,10 @@ class Tuning:
                 f"Somebody is being led, and people's safety hangs on {', '.join(draft.safety)}: wait until they stand"
                 " at their destination, or say why it must be changed now."
             )
+
+
+def _believed(revision: int) -> int:
+    return revision if revision <= MAX_BELIEVED_REVISION else 0
 
 
 def _draft(device: LiveDevice, changes: Mapping[str, SettingValue]) -> Draft:

@@ -6,7 +6,6 @@ The files are read once, from end to end. What is small or asked for often is ke
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -154,24 +153,23 @@ def flat(settings: dict[str, Any]) -> dict[str, SettingValue]:
 def state_of(data: bytes) -> WalkerState | None:
     """Return a recorded state; None where it cannot be read.
 
-    JSON knows no NaN and no infinity: in lists of numbers, null stands for them.
+    JSON knows no NaN and no infinity: where earlier versions recorded them, null stands in a list of numbers. Such a
+    candidate is left out, and such a pose or sub-goal is not known: the instant is still one.
     """
     try:
         return _state_decoder.decode(data)
     except msgspec.MsgspecError:
         pass
     try:
-        return msgspec.convert(_with_nan(msgspec.json.decode(data)), WalkerState)
-    except (msgspec.MsgspecError, RecursionError):
+        return msgspec.convert(_of_known_numbers(msgspec.json.decode(data, type=dict[str, Any])), WalkerState)
+    except (msgspec.MsgspecError, RecursionError, TypeError):
         return None
 
 
-def _with_nan(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {name: _with_nan(each) for name, each in value.items()}
-    if isinstance(value, list):
-        return [math.nan if each is None else _with_nan(each) for each in value]
-    return value
+def _of_known_numbers(values: dict[str, Any]) -> dict[str, Any]:
+    candidates = [each for each in values.get("candidates") or () if None not in each]
+    places = {name: None for name in ("pose", "sub_goal") if None in (values.get(name) or ())}
+    return values | places | {"candidates": candidates}
 
 
 _state_decoder = msgspec.json.Decoder(WalkerState)

@@ -70,10 +70,12 @@ from navcore.modes import Mode
 from navcore.settings import Settings
 from navcore.site import Site, load_site
 from navcore.types import Action, CameraIntrinsics
-from navcore.wire import PROTOCOL_VERSION, GraphRunning, Hello, MapRunning, MapWalkRunning, expired_text
+from navcore.wire import PROTOCOL_VERSION, ConsoleMessage, GraphRunning, Hello, MapRunning, MapWalkRunning, expired_text
 from navcore.wire import Order as PersonsOrder
 
 MAX_WAITING_ORDERS = 256
+ORDERS_A_CYCLE = 16
+"""Guidance goes on between so many orders, however many come."""
 _PAUSE_WITHOUT_CAMERA_S = 0.05
 _STANDING_TIMEOUT_S = 3.0
 """A loop that has said *Stop* may take this long for its next cycle: looking for a lost pose is slow."""
@@ -132,7 +134,7 @@ class DeviceAgent:
         self.state = state
         """Replaced as a whole, between two stages: any thread may read it."""
         self._locator = parts.locating(localizer)
-        self._orders: queue.Queue[tuple[Order, float]] = queue.Queue(MAX_WAITING_ORDERS)
+        self._orders: queue.Queue[tuple[Order, float]] = queue.Queue()
         """Each with the time until which it may be carried out."""
         self.monitor = LoopMonitor(plans=parts.plans_load)
         """How long the stages take."""
@@ -166,12 +168,12 @@ class DeviceAgent:
     def submit(self, order: Order, holds_s: float = math.inf) -> None:
         """Take an order from any thread, which is carried out within ``holds_s`` or not at all.
 
-        Raises VbrError when far too many wait already.
+        Raises VbrError when far too many of the console's wait already; what the device tells itself (the link has
+        broken) is taken in any case.
         """
-        try:
-            self._orders.put_nowait((order, self._parts.clock.now_s() + holds_s))
-        except queue.Full as error:
-            raise VbrError("The device is too busy to take more orders: try again.") from error
+        if isinstance(order, ConsoleMessage) and self._orders.qsize() >= MAX_WAITING_ORDERS:
+            raise VbrError("The device is too busy to take more orders: try again.")
+        self._orders.put_nowait((order, self._parts.clock.now_s() + holds_s))
 
     def hello(self) -> Hello:
         """Return who this device is and what it runs."""
@@ -294,11 +296,8 @@ class DeviceAgent:
         return Heartbeat(cycle.stamp_s, leading, self.state.settings.watchdog.guidance_timeout_s)
 
     def _take_orders(self) -> None:
-        while True:
-            try:
-                order, until_s = self._orders.get_nowait()
-            except queue.Empty:
-                break
+        for _ in range(min(ORDERS_A_CYCLE, self._orders.qsize())):
+            order, until_s = self._orders.get_nowait()
             now_s = self._parts.clock.now_s()
             if isinstance(order, PersonsOrder) and now_s > until_s:
                 self._parts.uplink.event(now_s, "link", expired_text(order))

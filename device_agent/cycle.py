@@ -100,7 +100,9 @@ def _pose(located: Localization | None) -> tuple[float, float, float, float] | N
     if located is None or located.world_from_camera is None or located.pose is None:
         return None
     x_m, y_m, z_m = (float(value) for value in located.world_from_camera.translation)
-    return x_m, y_m, z_m, float(located.pose.heading)
+    pose = x_m, y_m, z_m, float(located.pose.heading)
+    # The wire takes no other numbers, and the console would close the link on whoever sends them.
+    return pose if all(map(math.isfinite, pose)) else None
 
 
 def _position_std_m(located: Localization | None) -> float | None:

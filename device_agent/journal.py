@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from device_agent.ports import EventKind
-from navcore.errors import InputError
+from navcore.errors import InputError, WireError
 from navcore.wire import Event
 from navcore.wire_trace import MAX_STAMP_S
 
@@ -28,6 +28,9 @@ _IN_MEMORY = ":memory:"
 _BEYOND_THE_DISK = 1 << 32
 """By how much a journal in memory numbers beyond what the console has: more events than any journal on disk issues
 while no console hears of them, so that the one on disk later finds its own numbers passed. The wire counts to 2^53."""
+MAX_AGREED_SEQUENCE = 1 << 52
+"""No console is believed to have events beyond this that were not issued here: what follows them must still be numbers
+that the wire takes, or no console would ever hear of this device again."""
 _log = logging.getLogger(__name__)
 _SCHEMA = """
 CREATE TABLE IF NOT EXISTS event (
@@ -125,8 +128,12 @@ class EventJournal:
 
         A journal on disk that is passed over for one start, with events in it that the console has stored and not yet
         confirmed, tells these twice: nothing here says that they arrived.
+
+        Raises WireError where the console claims to have more events than any device tells.
         """
         with self._lock, self._transaction():
+            if last_stored > max(self._issued(), MAX_AGREED_SEQUENCE):
+                raise WireError("The console claims to have events that no device can have told: use another console.")
             (has_agreed,) = self._base.execute("SELECT once FROM agreed").fetchone()
             if has_agreed and last_stored <= self._issued():
                 self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_stored,))

@@ -52,7 +52,8 @@ from navcore.wire import (
     encode,
     expired_text,
 )
-from navcore.wire_row import Delivery
+from navcore.wire_pace import Allowances
+from navcore.wire_row import Delivery, Direction
 
 _log = logging.getLogger(__name__)
 _STEADY_AFTER_S = 5.0
@@ -376,8 +377,9 @@ class ConsoleLink:
         self._events_stored = False
         events = await asyncio.to_thread(self._journal.pending, self._sent_sequence)
         for event in events:
-            await socket.send(encode(event))
+            # Before it goes: its confirmation may be quicker than the end of sending.
             self._sent_sequence = event.sequence
+            await socket.send(encode(event))
         if events:
             self._events_stored = True
 
@@ -395,9 +397,12 @@ class ConsoleLink:
 
     # -------------------------------------------------------------------------------------------- receiving
     async def _receive_all(self, socket: ClientConnection) -> None:
+        allowances = Allowances(MESSAGES, Direction.DOWN, self._loop.time())
         async for data in socket:
             try:
                 message = decode_from_console(_binary(data))
+                if not allowances.take(type(message), self._loop.time()):
+                    raise WireError(f"{type(message).__name__} comes too often: see who sends so many to this device.")
                 answer = await self._take(message)
             except WireError as error:
                 _log.warning("the link is closed and opened anew: %s", error)
@@ -411,6 +416,9 @@ class ConsoleLink:
                 received_s = self._clock.now_s()
                 self._note_clocks(message)
                 return Pong(message.console_sent_s, received_s, self._clock.now_s())
+            case EventConfirmed(sequence) if sequence > self._sent_sequence:
+                # What was never sent stays here for a console that stores it.
+                raise WireError("The console confirms events that it was not sent: use another console.")
             case EventConfirmed():
                 await asyncio.to_thread(self._journal.confirm, message.sequence)
                 self._confirmed_sequence = message.sequence

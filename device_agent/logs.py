@@ -23,6 +23,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from device_agent.plain_text import plain
+
 PACKAGES = ("navcore", "device_agent", "console")
 """Whose logs are of interest; a compiler's would drown them, and slow everything down."""
 FILE_NAME = "device.jsonl"
@@ -106,9 +108,10 @@ def readable_line(line: str) -> str:
         logger, error = entry.pop("logger"), entry.pop("error", "")
         entry.pop("thread", None)
     except (ValueError, KeyError, AttributeError, TypeError, RecursionError):
-        return line
+        return plain(line)
     rest = "".join(f" {name}={value}" for name, value in entry.items())
-    return f"{time} {level:<7} {logger}: {text}{rest}" + (f"\n{error}" if error else "")
+    traceback = "".join(f"\n{plain(each)}" for each in str(error).splitlines())
+    return plain(f"{time} {level:<7} {logger}: {text}{rest}") + traceback
 
 
 class RotatedLines:

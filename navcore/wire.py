@@ -36,13 +36,16 @@ MAX_MESSAGE_BYTES = 4 << 20
 
 Text = Annotated[str, msgspec.Meta(max_length=500)]
 ShortText = Annotated[str, msgspec.Meta(max_length=120)]
-Point2 = tuple[float, float]
+Point2 = tuple[Finite, Finite]
 T = TypeVar("T")
 Count = Annotated[int, msgspec.Meta(ge=0, le=1 << 53)]
 """As far as every database and language in use counts exactly."""
 MAX_NAMES_COUNT = 20
 Names = Annotated[tuple[ShortText, ...], msgspec.Meta(max_length=MAX_NAMES_COUNT)]
 MAX_ACCESSES_COUNT = 40
+Whole = Annotated[int, msgspec.Meta(ge=-(1 << 53), le=1 << 53)]
+Values = dict[ShortText, Finite | Whole | bool | str]
+"""Settings by their keys."""
 
 
 class _Message(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="type"):
@@ -54,7 +57,7 @@ class Hello(_Message, frozen=True, tag="hello"):
     """Who calls, and what it runs."""
 
     protocol_version: int
-    device_id: ShortText
+    device_id: Annotated[str, msgspec.Meta(min_length=1, max_length=120)]
     software_version: ShortText
     site_id: ShortText
     map_checksum: ShortText
@@ -69,10 +72,10 @@ class StageSummary(msgspec.Struct, frozen=True, array_like=True):
 
     stage: ShortText
     """capture (age when it is taken), localize, guide, cue, hand_off, or capture_to_cue (the whole)."""
-    p50_ms: float
-    p99_ms: float
-    max_ms: float
-    missed_count: int
+    p50_ms: Finite
+    p99_ms: Finite
+    max_ms: Finite
+    missed_count: Count
     """Cycles in which it was later than its deadline."""
 
 
@@ -86,27 +89,27 @@ class WalkerState(_Message, frozen=True, tag="state"):
     reason: ShortText
     """A navcore.types.Reason value."""
     rule: Text = ""
-    pose: tuple[float, float, float, float] | None = None
+    pose: tuple[Finite, Finite, Finite, Finite] | None = None
     """x, y, eye height (m) and heading (rad) in the world; None when lost."""
-    position_std_m: float | None = None
+    position_std_m: Finite | None = None
     inlier_count: Count = 0
-    direction_rad: float | None = None
+    direction_rad: Finite | None = None
     """θ_walk, relative to the heading."""
-    expected_rad: float | None = None
+    expected_rad: Finite | None = None
     """θ_exp, in the world."""
     sub_goal: Point2 | None = None
     sub_goal_case: Literal[1, 2, 3] | None = None
     candidates: tuple[WireCandidate, ...] = ()
-    deviation_m: float | None = None
-    remaining_m: float | None = None
-    nearest_ahead_m: float | None = None
+    deviation_m: Finite | None = None
+    remaining_m: Finite | None = None
+    nearest_ahead_m: Finite | None = None
     sonar_state: Literal["ok", "no_echo", "stale", "absent"] = "absent"
-    sonar_m: float | None = None
-    speed_m_s: float | None = None
+    sonar_m: Finite | None = None
+    speed_m_s: Finite | None = None
     last_cue: Text = ""
-    last_cue_stamp_s: float | None = None
-    cycle_ms: float = 0.0
-    frame_rate_hz: float = 0.0
+    last_cue_stamp_s: Finite | None = None
+    cycle_ms: Finite = 0.0
+    frame_rate_hz: Finite = 0.0
     mode: Mode = Mode.LOCALIZING
     destination_id: ShortText | None = None
     destination_by: ShortText = ""
@@ -172,7 +175,7 @@ class RouteChanged(_Message, frozen=True, tag="route"):
 
     stamp_s: Finite
     points_m: tuple[Point2, ...] = ()
-    stops: tuple[tuple[ShortText, float], ...] = ()
+    stops: tuple[tuple[ShortText, Finite], ...] = ()
     """Names of the PoIs on the way, with their distance from the start."""
     destination_id: ShortText | None = None
     refusal: Text = ""
@@ -198,7 +201,7 @@ class SettingsRunning(_Message, frozen=True, tag="settings_running"):
     """The settings that the device runs; the answer to ApplySettings and KeepSettings."""
 
     revision: Count
-    values: dict[str, float | int | bool | str]
+    values: Values
     refused_revision: Count | None = None
     """A revision that was asked for and does not run: it was refused, or tried out and not kept."""
     refusal: Text = ""
@@ -360,7 +363,7 @@ class ApplySettings(_Message, frozen=True, tag="apply_settings"):
     """Change these settings: all of them or, where one is refused, none; the others stay as they are."""
 
     revision: Count
-    values: dict[str, float | int | bool | str]
+    values: Values
     """Those that change."""
     revert_after_s: Annotated[float, msgspec.Meta(ge=0.0, le=3600.0)] = 0.0
     """The settings before run again after this time unless these are kept; 0: these are kept at once, but what safety
@@ -426,13 +429,13 @@ _KIB = 1 << 10
 _ROWS = (
     # message, direction, since, sent, at most (Hz), priority, on a slow link, at most (bytes)
     MessageRow(Hello, _UP, 1, "once a connection", None, 0, Delivery.GREETING, 4 * _KIB),
-    MessageRow(Pong, _UP, 3, "at each Ping", None, 1, Delivery.ANSWER, 1 * _KIB),
-    MessageRow(SettingsRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 64 * _KIB),
-    MessageRow(GraphRunning, _UP, 1, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
-    MessageRow(MapRunning, _UP, 3, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
-    MessageRow(MapWalkRunning, _UP, 4, "on change", None, 2, Delivery.KEPT, 4 * _KIB),
-    MessageRow(SharingRunning, _UP, 6, "on change", None, 2, Delivery.KEPT, 8 * _KIB),
-    MessageRow(RouteChanged, _UP, 1, "on change", None, 2, Delivery.KEPT, 2048 * _KIB),
+    MessageRow(Pong, _UP, 3, "at each Ping", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
+    MessageRow(SettingsRunning, _UP, 1, "on change", 10.0, 2, Delivery.KEPT, 64 * _KIB),
+    MessageRow(GraphRunning, _UP, 1, "on change", 10.0, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(MapRunning, _UP, 3, "on change", 10.0, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(MapWalkRunning, _UP, 4, "on change", 10.0, 2, Delivery.KEPT, 4 * _KIB),
+    MessageRow(SharingRunning, _UP, 6, "on change", 10.0, 2, Delivery.KEPT, 8 * _KIB),
+    MessageRow(RouteChanged, _UP, 1, "on change", 10.0, 2, Delivery.KEPT, 2048 * _KIB),
     MessageRow(Event, _UP, 6, "when it happens", None, 3, Delivery.CONFIRMED, 4 * _KIB),
     MessageRow(WalkerState, _UP, 6, "after each cycle", 20.0, 4, Delivery.NEWEST, 64 * _KIB),
     MessageRow(MapWalkSeen, _UP, 4, "in a map walk", 2.0, 4, Delivery.NEWEST, 4 * _KIB),
@@ -441,21 +444,21 @@ _ROWS = (
     MessageRow(Welcome, _DOWN, 1, "once a connection", None, 0, Delivery.GREETING, 1 * _KIB),
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
-    MessageRow(SetDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
-    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Pause, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Resume, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Repeat, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(BeginMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(EndMapWalk, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Say, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
-    MessageRow(AskColour, _DOWN, 6, "when somebody acts", None, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(SetDestination, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Pause, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Resume, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Repeat, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(BeginMapWalk, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(EndMapWalk, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Say, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 4 * _KIB),
+    MessageRow(AskColour, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 4 * _KIB),
     MessageRow(Watchers, _DOWN, 6, "on change", None, 2, Delivery.KEPT, 16 * _KIB),
-    MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 1 * _KIB),
-    MessageRow(ApplySettings, _DOWN, 6, "when somebody acts", None, 3, Delivery.ORDER, 64 * _KIB),
-    MessageRow(MapAvailable, _DOWN, 3, "at each joining", None, 4, Delivery.OFFER, 4 * _KIB),
+    MessageRow(KeepSettings, _DOWN, 6, "when somebody acts", 2.0, 3, Delivery.ORDER, 1 * _KIB),
+    MessageRow(ApplySettings, _DOWN, 6, "when somebody acts", 2.0, 3, Delivery.ORDER, 64 * _KIB),
+    MessageRow(MapAvailable, _DOWN, 3, "at each joining", 2.0, 4, Delivery.OFFER, 4 * _KIB),
     MessageRow(Accesses, _DOWN, 6, "on change", None, 4, Delivery.KEPT, 32 * _KIB),
-    MessageRow(PublishGraph, _DOWN, 1, "when it is published", None, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),
+    MessageRow(PublishGraph, _DOWN, 1, "when it is published", 2.0, 5, Delivery.OFFER, MAX_MESSAGE_BYTES),
 )
 MESSAGES: Mapping[type[msgspec.Struct], MessageRow] = MappingProxyType({row.message: row for row in _ROWS})
 """Every message that passes between device and console."""

@@ -5,6 +5,12 @@ Pure: the time is handed in.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
+import msgspec
+
+from navcore.wire_row import Direction, MessageRow
+
 BURST_S = 30.0
 """A network may hold back so much and deliver it at once: longer ones are found out by pings, which break the link."""
 
@@ -44,3 +50,19 @@ class Allowance:
             return False
         self._left_count -= 1.0
         return True
+
+
+class Allowances:
+    """What may come in one direction of a connection, by the message table: an :class:`Allowance` of each message."""
+
+    def __init__(self, table: Mapping[type[msgspec.Struct], MessageRow], direction: Direction, now_s: float) -> None:
+        self._by_kind = {
+            kind: Allowance(row.rate_hz, now_s)
+            for kind, row in table.items()
+            if row.direction is direction and row.rate_hz is not None
+        }
+
+    def take(self, kind: type[msgspec.Struct], now_s: float) -> bool:
+        """Count one message; return whether it was still allowed."""
+        allowance = self._by_kind.get(kind)
+        return allowance is None or allowance.take(now_s)

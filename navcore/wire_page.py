@@ -27,7 +27,7 @@ somewhere in its upper half, by a seed of the device: a hundred devices do not c
 swallows everything without closing anything is found out by pings within twenty seconds. The state of
 the link (dialling, joined, waiting, refused, since when, why) is in the device's state folder as `link.json`.
 
-What cannot be read, is larger than the table allows, or comes from a device more often than the table allows over half
+What cannot be read, is larger than the table allows, or comes more often than the table allows over half
 a minute, closes the link with a sentence, and it is joined anew; neither side ends, and guidance notices nothing of it.
 
 ## Events

@@ -39,7 +39,8 @@ class MessageRow:
     when: str
     """What it is sent upon."""
     rate_hz: float | None
-    """How often at most, where that is limited; whatever comes faster is replaced, not queued."""
+    """How often at most, where that is limited: what a newer one may replace is sent no faster, and of everything more
+    than that over half a minute is refused by whoever receives it."""
     priority: int
     """Of what waits in one direction, the smaller number goes first; within a number the older."""
     delivery: Delivery

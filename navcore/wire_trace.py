@@ -36,8 +36,8 @@ class WireScan(msgspec.Struct, frozen=True, array_like=True):
 class WireCandidate(msgspec.Struct, frozen=True, array_like=True):
     """One candidate direction."""
 
-    angle_rad: float
-    clearance_m: float
+    angle_rad: Finite
+    clearance_m: Finite
     is_walkable: bool = False
     """It is free as far as was required, and leads where the walker is to go: θ_opt was chosen among these."""
 

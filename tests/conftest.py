@@ -85,6 +85,11 @@ def _recording(name: str) -> Path:
 @pytest.fixture
 def small_site() -> Site:
     """A site of a few points: its form is real, its map is not usable for localization."""
+    return made_small_site()
+
+
+def made_small_site() -> Site:
+    """Return the same, for what is shared by the tests of a file."""
     rng = np.random.default_rng(3)
     road = np.stack([np.linspace(0.0, 6.0, 61), np.zeros(61), np.full(61, 1.6)], axis=1)
     graph = PoiGraph(

@@ -13,6 +13,7 @@ from urllib.parse import parse_qs, urlsplit
 
 import argon2
 import httpx
+import numpy as np
 from websockets.sync.client import ClientConnection, connect
 
 from console import secrets_kept
@@ -21,6 +22,7 @@ from console.hub import DeviceHub
 from console.live import LiveDevice
 from console.server import ConsoleServer
 from navcore.settings import Settings
+from navcore.silhouette import silhouette_jpeg
 from navcore.wire import (
     PROTOCOL_VERSION,
     ConsoleMessage,
@@ -30,6 +32,8 @@ from navcore.wire import (
     encode,
 )
 
+PICTURE = silhouette_jpeg(np.full((12, 16), 2.0, np.float32))
+"""A small picture, as devices send it."""
 PASSWORD = "seven quiet corridors"
 WAIT_S = 20.0
 Message = TypeVar("Message")

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 import pytest
-from console_room import DialledDevice, Person, hello_of, invited, until
+from console_room import PICTURE, DialledDevice, Person, hello_of, invited, until
 from device_hall import Rig
 from sqlalchemy import text
 from sqlalchemy.exc import OperationalError
@@ -643,7 +643,7 @@ def test_an_incident_is_asked_for_downloaded_and_deleted_by_an_admin_alone(
     viewer = invited(admin, "Vera", "viewer")
     hub = server.services.hub
     device.send(WalkerState(hub.now_s(), "localized", "stop", "no_route", mode=Mode.READY))
-    device.send(DepthImage(hub.now_s(), b"\xff\xd8 a silhouette"))
+    device.send(DepthImage(hub.now_s(), PICTURE))
     until(hub, lambda known: known.depth_image is not None)
     incident_id = viewer.http.post("/api/devices/glasses/keep").raise_for_status().json()["incident_id"]
     server.services.incidents.close()
@@ -655,7 +655,7 @@ def test_an_incident_is_asked_for_downloaded_and_deleted_by_an_admin_alone(
     (shown,) = viewer.http.get(f"/api/incidents/{incident_id}/instants", params=query).json()["instants"]
     assert shown["view"]["state"]["mode"] == "ready"
     at = {"at": shown["depth_at_s"]}
-    assert viewer.http.get(f"/api/incidents/{incident_id}/depth.jpg", params=at).content == b"\xff\xd8 a silhouette"
+    assert viewer.http.get(f"/api/incidents/{incident_id}/depth.jpg", params=at).content == PICTURE
     looked = server.services.access.latest(10)
     assert ("Vera", "incident", incident_id) in [(each.who, each.what, each.detail) for each in looked]
     whole = viewer.http.get(f"/api/incidents/{incident_id}/bundle.zip").raise_for_status()
@@ -663,7 +663,7 @@ def test_an_incident_is_asked_for_downloaded_and_deleted_by_an_admin_alone(
         assert archive.testzip() is None
         lines = [json.loads(line) for line in archive.read("messages.jsonl").splitlines()]
         assert [line["message"]["type"] for line in lines] == ["hello", "state", "depth_image"]
-        assert archive.read(lines[2]["message"]["jpeg"]) == b"\xff\xd8 a silhouette"
+        assert archive.read(lines[2]["message"]["jpeg"]) == PICTURE
         assert json.loads(archive.read("manifest.json"))["versions"]["software"] == "0.1.0"
     assert viewer.http.delete(f"/api/incidents/{incident_id}").status_code == 403
     admin.http.delete(f"/api/incidents/{incident_id}").raise_for_status()

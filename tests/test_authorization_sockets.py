@@ -288,7 +288,7 @@ def test_one_token_is_of_a_few_devices_and_not_of_all_that_can_be_made_up(server
         server.services.devices.take_in(f"made-up-{number}", "Many")
     code, reason = DialledDevice(server.ready.url, token, hello_of(server, "made-up-too-many")).close_code()
     assert code == 4403
-    assert "make another one" in reason
+    assert "make one for each" in reason
     with DialledDevice(server.ready.url, token, hello_of(server, "made-up-0")).socket:
         until(server.services.hub, lambda device: device.device_id == "made-up-0" and device.connected)
 

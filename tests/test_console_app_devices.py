@@ -11,7 +11,7 @@ from pathlib import Path
 import httpx
 import msgspec
 import pytest
-from console_room import DEFAULTS, DialledDevice, Person, heard_until, hello_of, invited, until
+from console_room import DEFAULTS, PICTURE, DialledDevice, Person, heard_until, hello_of, invited, until
 from hypothesis import given
 from hypothesis import strategies as st
 from websockets.exceptions import ConnectionClosed
@@ -124,7 +124,7 @@ def test_whoever_sends_more_often_than_the_table_says_is_refused_with_a_sentence
     flooding.next(Welcome)
     with contextlib.suppress(ConnectionClosed):
         for number in range(5000):
-            flooding.send(DepthImage(float(number), b"\xff\xd8"))
+            flooding.send(DepthImage(float(number), PICTURE))
     code, reason = flooding.close_code()
     assert code == 1007
     assert reason == "DepthImage comes more often than 2 times a second: update the device."
@@ -317,10 +317,10 @@ def test_the_depth_silhouette_is_passed_on_as_it_came(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:
     assert admin.http.get("/api/devices/glasses/depth.jpg").status_code == 404
-    device.send(DepthImage(1000.0, b"\xff\xd8 a picture"))
+    device.send(DepthImage(1000.0, PICTURE))
     until(server.services.hub, lambda d: d.depth_image is not None)
     answer = admin.http.get("/api/devices/glasses/depth.jpg")
-    assert (answer.content, answer.headers["content-type"]) == (b"\xff\xd8 a picture", "image/jpeg")
+    assert (answer.content, answer.headers["content-type"]) == (PICTURE, "image/jpeg")
 
 
 # ------------------------------------------------------------------------------------------------ settings, graph, map

@@ -16,7 +16,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from console_room import WAIT_S, DialledDevice, Person, hello_of, invited, until
+from console_room import PICTURE, WAIT_S, DialledDevice, Person, hello_of, invited, until
 from device_hall import Rig
 from sqlalchemy import event
 from test_alerts_engine import Room
@@ -443,7 +443,7 @@ def test_a_page_that_says_something_else_is_closed_and_nothing_else_happens(ada:
 def test_colour_is_seen_by_who_asked_while_it_is_allowed_and_kept_nowhere(
     server: ConsoleServer, ada: Person, ben: Person, device: DialledDevice
 ) -> None:
-    jpeg = b"\xff\xd8" + b"a colour picture of somebody's kitchen" * 20
+    jpeg = PICTURE + b"a colour picture of somebody's kitchen" * 20
     device.send(SharingRunning(True, False))
     device.send(ColourImage(1000.0, jpeg))
     answer = ben.http.post("/api/devices/glasses/colour", json={"why": "which  door"}).raise_for_status().json()
@@ -471,7 +471,7 @@ def test_a_refusal_is_shown_and_silhouettes_that_are_not_shared_are_gone(
     server: ConsoleServer, ben: Person, device: DialledDevice
 ) -> None:
     device.send(SharingRunning(True, False))
-    device.send(DepthImage(1000.0, b"\xff\xd8"))
+    device.send(DepthImage(1000.0, PICTURE))
     until(server.services.hub, lambda each: each.depth_image is not None)
     ben.http.post("/api/devices/glasses/colour", json={}).raise_for_status()
     asked = device.next(AskColour)

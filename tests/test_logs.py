@@ -39,6 +39,7 @@ def test_whatever_is_logged_is_one_line_of_json(text: str, extra: object) -> Non
     assert "\n" not in line
     assert json.loads(line)["level"] == "WARNING"
     assert "WARNING" in readable_line(line)
+    assert readable_line(line).isprintable(), "nothing that is logged tells a terminal what to do"
 
 
 def test_a_line_has_time_level_thread_traceback_and_what_the_caller_gave(tmp_path: Path) -> None:

@@ -395,8 +395,10 @@ def recorded_began_s(walk: PastWalk) -> float:
 
 
 def test_numbers_that_json_does_not_know_do_not_lose_an_instant() -> None:
-    state = WalkerState(1.0, "localized", "walk", "ok", candidates=(WireCandidate(0.1, math.inf),))
+    known, beyond = WireCandidate(0.2, 3.0), WireCandidate(0.1, math.inf)
+    state = WalkerState(
+        1.0, "localized", "walk", "ok", pose=(math.nan, 0.0, 1.6, 0.0), sub_goal=(1.0, 2.0), candidates=(beyond, known)
+    )
     read = state_of(msgspec.json.encode(state))
-    assert read is not None
-    assert math.isnan(read.candidates[0].clearance_m)
+    assert read == msgspec.structs.replace(state, pose=None, candidates=(known,))
     assert state_of(b'{"type":"state","from":"another version"}') is None

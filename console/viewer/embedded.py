@@ -30,6 +30,7 @@ from viser.infra._async_message_buffer import AsyncMessageBuffer
 from viser.infra._messages import Message, get_type_hints_cached
 
 from console.roles import SignedIn
+from console.viewer.forms import has_form
 from console.viewer.guard import InboundGuard, Verdict
 
 VISER_VERSION = "1.1.1"
@@ -78,7 +79,7 @@ class Connection:
         while True:
             raw = await self._there(self._socket.receive_bytes())
             verdict = self._guard.judge(raw, time.monotonic())
-            if verdict is Verdict.PASS and _has_its_fields(raw):
+            if verdict is Verdict.PASS and has_form(raw):
                 return raw
             if verdict is not Verdict.DROP:
                 await self.close(1007, "This message cannot be read.")
@@ -97,15 +98,6 @@ class Connection:
         except Exception as error:
             # Whatever ends a socket (a disconnect, a server that stops) is for viser a closed connection.
             raise websockets.exceptions.ConnectionClosedOK(None, None) from error
-
-
-def _has_its_fields(raw: bytes) -> bool:
-    """Whether viser can build a message: one that lacks a field, or has another one, is an error in its handler."""
-    try:
-        viser_messages.Message.deserialize(raw)
-    except (TypeError, ValueError, LookupError, AttributeError):
-        return False
-    return True
 
 
 class EmbeddedViser:

@@ -35,6 +35,8 @@ from console.viewer.live_view import LiveView, Trail
 from console.viewer.mount import Authenticate, mount
 from console.viewer.session_view import SessionView
 from console.viewer.theming import add_floor, set_theme
+from navcore.errors import WireError
+from navcore.jpeg_size import refuse_picture
 from navcore.wire import DepthImage
 
 _log = logging.getLogger(__name__)
@@ -155,10 +157,11 @@ class Scene:
 def decoded(jpeg: bytes) -> NDArray[np.uint8] | None:
     """Return a JPEG as an image (height, width, 3), red first; None where it cannot be read or is too large."""
     try:
+        refuse_picture(jpeg)
         image = cv2.imdecode(np.frombuffer(jpeg, dtype=np.uint8), cv2.IMREAD_COLOR)
-    except cv2.error:
+    except (WireError, cv2.error):
         return None
-    if image is None or image.shape[0] * image.shape[1] > 1_000_000:
+    if image is None:
         return None
     return np.ascontiguousarray(image[:, :, ::-1], dtype=np.uint8)
 

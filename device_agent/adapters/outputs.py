@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TextIO
 
+from device_agent.plain_text import plain
 from device_agent.ports import CueOutput
 from navcore.cues.table import Cue, CueKind
 
@@ -18,7 +19,7 @@ def cue_line(cue: Cue) -> str:
     """Return a cue as a line of text: time, kind, what is spoken, and the figures behind a tone."""
     figures = [] if cue.angle_deg is None else [f"{cue.angle_deg:+.0f}°"]
     figures += [] if cue.distance_m is None else [f"{cue.distance_m:.1f} m"]
-    return " ".join([f"{_time_text(cue.stamp_s)}  {cue.kind.value:13}", *filter(None, [cue.text, *figures])])
+    return " ".join([f"{_time_text(cue.stamp_s)}  {cue.kind.value:13}", *filter(None, [plain(cue.text), *figures])])
 
 
 def _time_text(stamp_s: float) -> str:

@@ -74,7 +74,7 @@ class Road(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class PoiGraph(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """All PoIs and edges of a site, by identifier."""
 
-    version: Annotated[int, msgspec.Meta(ge=0)] = 0
+    version: Annotated[int, msgspec.Meta(ge=0, le=1 << 53)] = 0
     """Grows with every edit; the device acknowledges the one that it runs."""
     pois: dict[str, Poi] = {}
     edges: dict[str, Edge] = {}

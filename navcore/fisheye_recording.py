@@ -14,7 +14,7 @@ import numpy as np
 
 from navcore.errors import InputError, RecordingError
 from navcore.geometry import Transform
-from navcore.recorded_files import is_number, read_image, read_values
+from navcore.recorded_files import is_inside, is_number, read_image, read_values
 from navcore.types import FisheyeCamera, FisheyeImage, FisheyeIntrinsics
 
 MAX_FISHEYE_GAP_S = 0.05
@@ -118,7 +118,7 @@ def _read_pictures(folder: Path, path: Path) -> tuple[FisheyePicture, ...]:
         if len(words) != 2 or "\0" in line or not is_number(words[0]):
             raise RecordingError(f"{path}, line {number}: expected 't fisheye/name', found {line.strip()!r}.")
         file = folder / words[1]
-        if not file.resolve().is_relative_to(folder.resolve()):
+        if not is_inside(file, folder):
             raise RecordingError(f"{path}, line {number}: {file} lies outside the recording; use paths inside it.")
         pictures.append(FisheyePicture(float(words[0]), file))
     if not pictures:

@@ -196,7 +196,7 @@ _NAMES = (
     "..",
     "x" * 300,
     "a\udcffb",
-    "manifest.json/x",
+    "camera.json/x",
     "MAP/x",
 )
 

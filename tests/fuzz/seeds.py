@@ -206,7 +206,7 @@ def zipped(files: list[tuple[str, bytes]]) -> bytes:
     with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED, strict_timestamps=False) as archive:
         for name, content in files:
             info = zipfile.ZipInfo("x", (1980, 1, 1, 0, 0, 0))
-            info.filename, info.compress_type = name, zipfile.ZIP_DEFLATED
+            info.filename, info.compress_type = name.encode("utf-8", "replace").decode(), zipfile.ZIP_DEFLATED
             archive.writestr(info, content)
     return out.getvalue()
 

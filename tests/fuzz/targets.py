@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -213,7 +212,7 @@ def _site_package_members(data: bytes, folder: Path) -> None:
 def _site_archive_members(data: bytes, folder: Path) -> None:
     """An archive whose list of files fits what is in it."""
     files = [(f"site/{name}", content) for name, content in unbundled(data)]
-    listed = {os.fsencode(name).decode("latin-1"): entry_of(content) for name, content in files}
+    listed = {name.encode("utf-8", "replace").decode(): entry_of(content) for name, content in files}
     map_sha256 = ""
     with _tried():
         write_bundle(data, folder / "site")

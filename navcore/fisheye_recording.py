@@ -86,8 +86,10 @@ def read_fisheye_calibration(path: Path, width_px: int, height_px: int) -> Fishe
         lens = FisheyeIntrinsics(width_px, height_px, fx, fy, cx, cy, k1, k2, k3, k4, math.radians(max_angle_deg))
         mounting = np.array([values[name] for name in _MOUNTING_NAMES])
         return FisheyeCamera(lens, Transform.from_quat_xyzw(mounting[3:], mounting[:3]))
-    except (InputError, ValueError) as error:
+    except InputError as error:
         raise RecordingError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}; calibrate the camera again.") from error
 
 
 def read_fisheye_camera(path: Path) -> FisheyeCamera:

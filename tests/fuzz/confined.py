@@ -16,6 +16,7 @@ import subprocess
 import sys
 import tempfile
 import traceback
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO, Literal
@@ -104,12 +105,12 @@ def _received(source: BinaryIO) -> tuple[bytes, bytes]:
 
 
 # ------------------------------------------------------------------------------------------------ who reads
-def read_once(read: object, data: bytes, folder: Path) -> Answer:
+def read_once(read: Callable[[bytes, Path], object], data: bytes, folder: Path) -> Answer:
     """Let a reader read a file in a folder that is emptied first; return what came of it."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     try:
-        read(data, folder)  # type: ignore[operator]
+        read(data, folder)
     except VbrError as error:
         fault = _fault_of(str(error))
         return Answer("fault", f"{fault}: {str(error)[:500]!r}") if fault else Answer("refused", str(error))
@@ -122,7 +123,7 @@ def _fault_of(sentence: str) -> str:
     """Return what is wrong with a sentence that refuses a file; empty where nothing is."""
     if len(sentence) > LONGEST_SENTENCE:
         return f"it is refused in {len(sentence)} characters, which nobody reads"
-    if not sentence.isprintable():
+    if not sentence.replace("\n", "").isprintable():
         return "what refuses it holds control characters of the file, which a terminal would obey"
     if not re.search(r"\w.*[:;,.] .*\w", sentence) or not sentence.endswith((".", "…", ")")):
         return "what refuses it is no sentence that says what is wrong and what to do"
@@ -147,9 +148,7 @@ def _serve(targets: str, cpu_s: int) -> None:
         for target in by_name.values():
             # Compiled code is compiled now, and what is imported on use is imported.
             read_once(target.read, target.seeds[0], folder)
-        _set_soft(resource.RLIMIT_AS, _status_bytes("VmSize") + MEMORY_BYTES)
-        _set_soft(resource.RLIMIT_FSIZE, FILE_BYTES)
-        _set_soft(resource.RLIMIT_CORE, 0)
+        limit_memory()
         while True:
             try:
                 name, data = _received(sys.stdin.buffer)
@@ -159,7 +158,14 @@ def _serve(targets: str, cpu_s: int) -> None:
             _send(answers, msgspec.json.encode(answer), b"")
 
 
-def _watched(read: object, data: bytes, folder: Path, cpu_s: int) -> Answer:
+def limit_memory() -> None:
+    """Let this process take little more memory than it has, and write no large files."""
+    _set_soft(resource.RLIMIT_AS, _status_bytes("VmSize") + MEMORY_BYTES)
+    _set_soft(resource.RLIMIT_FSIZE, FILE_BYTES)
+    _set_soft(resource.RLIMIT_CORE, 0)
+
+
+def _watched(read: Callable[[bytes, Path], object], data: bytes, folder: Path, cpu_s: int) -> Answer:
     usage = resource.getrusage(resource.RUSAGE_SELF)
     _set_soft(resource.RLIMIT_CPU, int(usage.ru_utime + usage.ru_stime) + cpu_s + 1)
     _peak_reset()

@@ -296,7 +296,7 @@ def walk_file(files: list[tuple[str, bytes]]) -> bytes:
     channels: dict[str, int] = {}
     schema = writer.register_schema("vbr", "jsonschema", b"{}")
     for number, (name, content) in enumerate(files):
-        kind, _, rest = name.partition(" ")
+        kind, _, rest = name.encode("utf-8", "replace").decode().partition(" ")
         if kind == "metadata":
             described = _texts(content)
             opening = dict(files).get("attachment opening")

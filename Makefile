@@ -4,12 +4,15 @@ DATA ?= ../shared/data
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+# How long to fuzz, all targets together, and which: make fuzz SECONDS=3600 TARGETS="ply pcd"
+SECONDS ?=
+TARGETS ?=
 # The SDKs of the depth cameras: make install CAMERAS=1
 CAMERAS ?=
 CAMERAS_INSTALLED := $(VENV)/.installed-cameras
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check mutants bench lock arm docs clean
+.PHONY: help install demo test check mutants fuzz bench lock arm docs clean
 
 help: ## show the commands
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -35,6 +38,9 @@ check: install ## formatting, lint, types, import contracts, generated docs
 
 mutants: install ## put small faults into gate and follower: a test must find each
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/mutants
+
+fuzz: install ## read spoiled files of every kind, guided by coverage (SECONDS: longer, TARGETS: some)
+	@.ci/fuzz $(SECONDS) $(TARGETS)
 
 bench: install ## measure speed, accuracy and memory (DATA: folder of the real recordings)
 	@.ci/bench $(BIN) "$(DATA)"

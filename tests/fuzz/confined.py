@@ -125,7 +125,7 @@ def _fault_of(sentence: str) -> str:
         return f"it is refused in {len(sentence)} characters, which nobody reads"
     if not sentence.replace("\n", "").isprintable():
         return "what refuses it holds control characters of the file, which a terminal would obey"
-    if not re.search(r"\w.*[:;,.] .*\w", sentence) or not sentence.endswith((".", "…", ")")):
+    if not re.search(r"(?s)\w.*[:;,.] .*\w", sentence) or not sentence.endswith((".", "…", ")")):
         return "what refuses it is no sentence that says what is wrong and what to do"
     return ""
 

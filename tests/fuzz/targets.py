@@ -172,7 +172,7 @@ def _recording_stream(data: bytes, folder: Path) -> None:
 def _site_manifest(data: bytes, folder: Path) -> None:
     save_site(seeds.site(), folder / "site")
     _file(data, folder / "site", MANIFEST)
-    load_site(folder / "site")
+    load_site(folder / "site").name.encode()
     map_checksum(folder / "site")
 
 
@@ -399,6 +399,7 @@ def _device_settings(data: bytes, folder: Path) -> None:
     store = DeviceStore(folder, folder / "site")
     store.load_settings()
     settings, revision = store.stored_settings()
+    assert 0 <= revision <= 1 << 53, "no message holds it"
     store.save_settings(settings, revision)
     assert store.stored_settings() == (settings, revision)
 

@@ -12,8 +12,10 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import zstandard
 from fuzz import seeds
 from fuzz.bundle import write_bundle
+from mcap.opcode import Opcode
 
 from navcore.errors import LONGEST_LINE, InputError, RecordingError, SiteError
 from navcore.live_recording import mend_recording
@@ -21,6 +23,7 @@ from navcore.recorded_files import MAX_PIXEL_COUNT, read_image
 from navcore.recording import open_recording
 from navcore.recording_archive import unpack_recording
 from navcore.site import load_site, unpack_site
+from navcore.walk_file import WalkFile
 
 
 def black_png(width_px: int, height_px: int) -> bytes:
@@ -82,7 +85,7 @@ def test_links_lead_nowhere_and_nothing_outside_a_recording_is_read(tmp_path: Pa
     os.symlink("round.jpg", folder / "rgb" / "round.jpg")
     (tmp_path / "outside.jpg").write_bytes(seeds.pictures()[0])
     (folder / "associations.txt").write_text("\n".join(lines) + "\n")
-    with pytest.raises(RecordingError, match="line 3: .* lies outside the recording"):
+    with pytest.raises(RecordingError, match=r"line 3: .* lies outside the recording"):
         open_recording(folder)
     assert mend_recording(folder) == 2, "what lies outside is no frame"
     assert len(open_recording(folder)) == 2
@@ -124,3 +127,28 @@ def test_whatever_stands_in_an_error_it_can_be_read() -> None:
     assert long.endswith("x: choose another.")
     listed = "\n".join(["It has errors:"] + ["x" * 300] * 9)
     assert str(InputError(listed)) == listed
+
+
+def walk_of(chunk: bytes, count: int) -> bytes:
+    """The beginning of a stored walk, and then chunks of what takes little room while it is packed."""
+    whole = seeds.STORED_WALK.read_bytes()
+    packed = zstandard.compress(chunk)
+    head = struct.pack("<QQQII4sQ", 0, 0, len(chunk), zlib.crc32(chunk), 4, b"zstd", len(packed))
+    begin = next(offset for offset, records in WalkFile(seeds.STORED_WALK).blocks() if len(records) > 1)
+    return whole[:begin] + (struct.pack("<BQ", Opcode.CHUNK, len(head + packed)) + head + packed) * count
+
+
+@pytest.mark.parametrize(
+    ("record", "told"),
+    [
+        (struct.pack("<BQ", 0x7F, 0), "unknown kind 127"),
+        (struct.pack("<BQHIQQ", Opcode.MESSAGE, 22, 1, 0, 0, 0), "more than 100000 records"),
+    ],
+)
+def test_a_walk_that_unpacks_into_millions_of_nothings_ends_there(tmp_path: Path, record: bytes, told: str) -> None:
+    data = walk_of(record * 1_000_000, 40)
+    assert len(data) < 1 << 20
+    (tmp_path / "walk.mcap").write_bytes(data)
+    file = WalkFile(tmp_path / "walk.mcap")
+    assert sum(1 for _ in file.records()) < 100
+    assert told in file.damage

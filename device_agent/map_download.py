@@ -176,7 +176,7 @@ def _unpacked_bytes(part: Path) -> int:
     try:
         with part.open("rb") as file, opened_zip(file, "The site package", MAX_PACKAGE_BYTES) as package:
             return sum(entry.file_size for entry in package.infolist())
-    except OSError as error:
+    except (OSError, SiteError) as error:
         raise SiteError(f"The map that came is no package ({error}): publish it again.") from error
 
 

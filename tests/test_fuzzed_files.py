@@ -34,7 +34,7 @@ def test_what_is_valid_is_read(reader: ConfinedReader, name: str) -> None:
 
 
 @pytest.mark.parametrize("name", TARGETS)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(random=st.randoms(use_true_random=False), which=st.integers(0, 3))
 def test_what_is_spoiled_is_read_or_refused(reader: ConfinedReader, name: str, random: Random, which: int) -> None:
     target = TARGETS[name]

@@ -17,7 +17,7 @@ import sys
 import tempfile
 import traceback
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, Literal
 
@@ -55,6 +55,10 @@ class ConfinedReader:
     """Module with the targets."""
     cpu_s: int = CPU_S
     _process: subprocess.Popen[bytes] | None = None
+    _scratch: tempfile.TemporaryDirectory[str] = field(
+        default_factory=lambda: tempfile.TemporaryDirectory(prefix="fuzz-")
+    )
+    """Here, for a process that is killed clears nothing away."""
 
     def read(self, target: str, data: bytes) -> Answer:
         """Have a target read a file."""
@@ -74,12 +78,13 @@ class ConfinedReader:
         if self._process is not None:
             self._process.communicate()
             self._process = None
+        self._scratch.cleanup()
 
     def _running(self) -> subprocess.Popen[bytes]:
         if self._process is None:
             paths = os.pathsep.join([str(_TESTS), str(_TESTS.parent)])
             self._process = subprocess.Popen(
-                [sys.executable, "-m", "fuzz.confined", self.targets, str(self.cpu_s)],
+                [sys.executable, "-m", "fuzz.confined", self.targets, str(self.cpu_s), self._scratch.name],
                 stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=_TESTS,
                 env=os.environ | {"PYTHONPATH": paths, "OPENBLAS_NUM_THREADS": "1"},
             )  # fmt: skip
@@ -140,22 +145,21 @@ def _peak_reset() -> None:
     Path("/proc/self/clear_refs").write_text("5")
 
 
-def _serve(targets: str, cpu_s: int) -> None:
+def _serve(targets: str, cpu_s: int, scratch: Path) -> None:
     by_name = importlib.import_module(targets).TARGETS
     answers, sys.stdout = os.fdopen(os.dup(1), "wb"), sys.stderr
-    with tempfile.TemporaryDirectory(prefix="fuzz-") as scratch:
-        folder = Path(scratch) / "files"
-        for target in by_name.values():
-            # Compiled code is compiled now, and what is imported on use is imported.
-            read_once(target.read, target.seeds[0], folder)
-        limit_memory()
-        while True:
-            try:
-                name, data = _received(sys.stdin.buffer)
-            except EOFError:
-                return
-            answer = _watched(by_name[name.decode()].read, data, folder, cpu_s)
-            _send(answers, msgspec.json.encode(answer), b"")
+    folder = scratch / "files"
+    for target in by_name.values():
+        # Compiled code is compiled now, and what is imported on use is imported.
+        read_once(target.read, target.seeds[0], folder)
+    limit_memory()
+    while True:
+        try:
+            name, data = _received(sys.stdin.buffer)
+        except EOFError:
+            return
+        answer = _watched(by_name[name.decode()].read, data, folder, cpu_s)
+        _send(answers, msgspec.json.encode(answer), b"")
 
 
 def limit_memory() -> None:
@@ -182,4 +186,4 @@ def _set_soft(limit: int, value: int) -> None:
 
 
 if __name__ == "__main__":
-    _serve(sys.argv[1], int(sys.argv[2]))
+    _serve(sys.argv[1], int(sys.argv[2]), Path(sys.argv[3]))

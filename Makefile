@@ -4,6 +4,9 @@ DATA ?= ../shared/data
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+# How long to fuzz, all targets together, and which: make fuzz SECONDS=3600 TARGETS="ply pcd"
+SECONDS ?=
+TARGETS ?=
 # The SDKs of the depth cameras: make install CAMERAS=1
 CAMERAS ?=
 # What the glasses have: make glasses EXTRAS="realsense serial audio"
@@ -11,7 +14,7 @@ EXTRAS ?= oak serial audio
 CAMERAS_INSTALLED := $(VENV)/.installed-cameras
 
 .DEFAULT_GOAL := help
-.PHONY: help install demo test check mutants bench lock arm licences sbom glasses docs clean
+.PHONY: help install demo test check mutants fuzz bench lock arm licences sbom glasses docs clean
 
 help: ## show the commands
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 12
@@ -37,6 +40,9 @@ check: install ## formatting, lint, types, import contracts, generated docs
 
 mutants: install ## put small faults into what safety hangs on: a test must find each
 	@OPENBLAS_NUM_THREADS=1 $(BIN)/python .ci/mutants
+
+fuzz: install ## read spoiled files of every kind, guided by coverage (SECONDS: longer, TARGETS: some)
+	@.ci/fuzz $(SECONDS) $(TARGETS)
 
 bench: install ## measure speed, accuracy and memory (DATA: folder of the real recordings)
 	@.ci/bench $(BIN) "$(DATA)"

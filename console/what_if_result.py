@@ -128,7 +128,7 @@ def read_decisions(path: Path) -> tuple[DecisionPair, ...]:
     try:
         with path.open("rb") as lines:
             return tuple(decoder.decode(line) for line in lines)
-    except (OSError, msgspec.MsgspecError) as error:
+    except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"The replay's decisions cannot be read ({error}): ask for them again.") from error
 
 

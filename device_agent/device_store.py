@@ -21,7 +21,7 @@ from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_site, save_poi_graph
 from navcore.site_files import write_whole
-from navcore.wire import Accesses
+from navcore.wire import Accesses, Count
 
 _log = logging.getLogger(__name__)
 
@@ -40,6 +40,13 @@ def restore_previous(site_folder: Path) -> None:
         os.replace(previous, moved)
     # Where this was broken off before, it goes on from here.
     swap_in(moved, site_folder, keep=previous)
+
+
+class _StoredSettings(msgspec.Struct, frozen=True):
+    """What the file of settings holds."""
+
+    revision: Count
+    values: dict[str, float | int | bool | str]
 
 
 class DeviceStore:
@@ -74,11 +81,11 @@ class DeviceStore:
         Raises InputError where what is stored is damaged, or fits this version no longer.
         """
         try:
-            stored = json.loads(self._settings_path.read_text(encoding="utf-8"))
-            return Settings().changed(stored["values"]), int(stored["revision"])
+            stored = msgspec.json.decode(self._settings_path.read_bytes(), type=_StoredSettings)
+            return Settings().changed(stored.values), stored.revision
         except (FileNotFoundError, NotADirectoryError):
             return Settings(), 0
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError, SettingError) as error:
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError, SettingError) as error:
             raise InputError(
                 f"The settings in {self._settings_path} cannot be used ({error}), and the defaults run: set them anew"
                 f" in the console, or run `rm {shlex.quote(str(self._settings_path))}` to keep the defaults."

@@ -271,8 +271,9 @@ def refuse_damaged(path: Path) -> None:
     except sqlite3.DatabaseError as error:
         verdict = str(error)
     if verdict != "ok":
+        why = " ".join(verdict.split())
         raise InputError(
-            f"The event journal {path} is damaged ({verdict}), and events that the console has not had may be lost: run"
+            f"The event journal {path} is damaged ({why}), and events that the console has not had may be lost: run"
             " `vbr device` with --console, which puts it aside, and replace the disk if this comes again."
         )
 

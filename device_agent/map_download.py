@@ -16,7 +16,6 @@ import hashlib
 import re
 import shutil
 import ssl
-import zipfile
 from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +27,7 @@ from navcore.errors import InputError, SiteError, VbrError
 from navcore.folder_swap import sync_tree
 from navcore.site import MAX_PACKAGE_BYTES, map_checksum, unpack_site
 from navcore.wire import MapAvailable
+from navcore.zip_reading import opened_zip
 
 _TIMEOUT = httpx.Timeout(10.0, read=30.0)
 RESERVE_BYTES = 64 << 20
@@ -174,9 +174,9 @@ def _unpack_checked(part: Path, folder: Path, offer: MapAvailable) -> None:
 
 def _unpacked_bytes(part: Path) -> int:
     try:
-        with zipfile.ZipFile(part) as package:
+        with part.open("rb") as file, opened_zip(file, "The site package", MAX_PACKAGE_BYTES) as package:
             return sum(entry.file_size for entry in package.infolist())
-    except (zipfile.BadZipFile, OSError, EOFError) as error:
+    except (OSError, SiteError) as error:
         raise SiteError(f"The map that came is no package ({error}): publish it again.") from error
 
 

@@ -12,14 +12,37 @@ VbrError
 ├── SensorError           a sensor delivers nothing, or nothing fresh
 └── MissingPackageError   an optional package is needed and the text says which extra brings it
 
-The text of each is one sentence for the person at the keyboard: what is wrong, and what to do.
+The text of each is one sentence for the person at the keyboard: what is wrong, and what to do. Whatever of a file or a
+message stands in it, it can be read: it is cut to a length, and what steers a terminal is written out.
 """
 
 from __future__ import annotations
 
+import re
+
+LONGEST_LINE = 1000
+_END_LENGTH = 300
+"""What to do stands at the end of a sentence."""
+_STEERING = re.compile(r"[\x00-\x09\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""Control characters, line and text directions, and halves of characters, which no file can be written with."""
+
 
 class VbrError(Exception):
     """Base of every error raised on purpose; its text is written for the user."""
+
+    def __init__(self, *arguments: object) -> None:
+        super().__init__(*(_readable(each) if isinstance(each, str) else each for each in arguments))
+
+
+def _readable(text: str) -> str:
+    plain = _STEERING.sub(lambda found: ascii(found[0])[1:-1], text)
+    return "\n".join(map(_shortened, plain.split("\n"))) if len(plain) > LONGEST_LINE else plain
+
+
+def _shortened(line: str) -> str:
+    if len(line) <= LONGEST_LINE:
+        return line
+    return f"{line[: LONGEST_LINE - _END_LENGTH - 3]} … {line[-_END_LENGTH:]}"
 
 
 class InputError(VbrError):

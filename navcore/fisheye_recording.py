@@ -14,7 +14,7 @@ import numpy as np
 
 from navcore.errors import InputError, RecordingError
 from navcore.geometry import Transform
-from navcore.recorded_files import is_number, read_image, read_values
+from navcore.recorded_files import is_inside, is_number, read_image, read_values
 from navcore.types import FisheyeCamera, FisheyeImage, FisheyeIntrinsics
 
 MAX_FISHEYE_GAP_S = 0.05
@@ -86,8 +86,10 @@ def read_fisheye_calibration(path: Path, width_px: int, height_px: int) -> Fishe
         lens = FisheyeIntrinsics(width_px, height_px, fx, fy, cx, cy, k1, k2, k3, k4, math.radians(max_angle_deg))
         mounting = np.array([values[name] for name in _MOUNTING_NAMES])
         return FisheyeCamera(lens, Transform.from_quat_xyzw(mounting[3:], mounting[:3]))
-    except (InputError, ValueError) as error:
+    except InputError as error:
         raise RecordingError(f"{path}: {error}") from error
+    except ValueError as error:
+        raise RecordingError(f"{path}: {error}; calibrate the camera again.") from error
 
 
 def read_fisheye_camera(path: Path) -> FisheyeCamera:
@@ -118,7 +120,7 @@ def _read_pictures(folder: Path, path: Path) -> tuple[FisheyePicture, ...]:
         if len(words) != 2 or "\0" in line or not is_number(words[0]):
             raise RecordingError(f"{path}, line {number}: expected 't fisheye/name', found {line.strip()!r}.")
         file = folder / words[1]
-        if not file.resolve().is_relative_to(folder.resolve()):
+        if not is_inside(file, folder):
             raise RecordingError(f"{path}, line {number}: {file} lies outside the recording; use paths inside it.")
         pictures.append(FisheyePicture(float(words[0]), file))
     if not pictures:

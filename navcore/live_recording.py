@@ -20,7 +20,7 @@ import cv2
 
 from navcore.errors import RecordingError
 from navcore.fisheye_recording import fisheye_calibration_text, write_fisheye_picture
-from navcore.recorded_files import read_image
+from navcore.recorded_files import is_inside, read_image
 from navcore.recording import Mark, calibration_text, gravity_line, mark_line, write_pictures
 from navcore.types import CameraIntrinsics, FisheyeImage, Frame
 
@@ -118,9 +118,10 @@ def _readable(folder: Path, lines: list[str], columns: Sequence[int]) -> list[st
 
 
 def _is_readable(folder: Path, words: list[str], columns: Sequence[int]) -> bool:
-    return len(words) > max(columns) and all(
-        read_image(folder / words[column], cv2.IMREAD_UNCHANGED) is not None for column in columns
-    )
+    if len(words) <= max(columns):
+        return False
+    files = [folder / words[column] for column in columns]
+    return all(is_inside(file, folder) and read_image(file, cv2.IMREAD_UNCHANGED) is not None for file in files)
 
 
 def _keep_lines(path: Path, lines: list[str]) -> None:

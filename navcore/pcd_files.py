@@ -21,7 +21,7 @@ from navcore.cloud_columns import (
     rows_from_bytes,
     table_from_text,
 )
-from navcore.compiled import kernel
+from navcore.lzf import unpack_lzf
 
 MAX_HEADER_BYTES = 65_536
 MAX_ROW_BYTES = 65_536
@@ -148,7 +148,7 @@ def _from_compressed(data: bytes, header: _Header) -> dict[str, NDArray[Any]]:
         raise ValueError(f"its header promises {header.count} points, but others follow")
     packed = np.frombuffer(data, np.uint8, sizes[0], header.end + 8).copy()
     plain = np.zeros(sizes[1], np.uint8)
-    if _unpack_lzf(packed, plain) != sizes[1]:
+    if unpack_lzf(packed, plain) != sizes[1]:
         raise ValueError("its compressed points are damaged")
     columns: dict[str, NDArray[Any]] = {}
     offset = 0
@@ -166,38 +166,3 @@ def _packed_colours(columns: dict[str, NDArray[Any]]) -> NDArray[np.uint8] | Non
     if packed is None or packed.ndim != 1 or packed.dtype.itemsize != 4:
         return None
     return colours_from_bits(np.ascontiguousarray(packed).view(np.uint32))
-
-
-@kernel
-def _unpack_lzf(packed: NDArray[np.uint8], plain: NDArray[np.uint8]) -> int:
-    """Unpack LZF (Lehmann's liblzf) and return how many bytes came out; −1 where the input is damaged."""
-    source, target = 0, 0
-    while source < len(packed):
-        control = int(packed[source])
-        source += 1
-        if control < 32:
-            length = control + 1
-            if source + length > len(packed) or target + length > len(plain):
-                return -1
-            for i in range(length):
-                plain[target + i] = packed[source + i]
-            source += length
-            target += length
-            continue
-        length = control >> 5
-        if length == 7:
-            if source >= len(packed):
-                return -1
-            length += int(packed[source])
-            source += 1
-        if source >= len(packed):
-            return -1
-        back = target - ((control & 31) << 8) - int(packed[source]) - 1
-        source += 1
-        length += 2
-        if back < 0 or target + length > len(plain):
-            return -1
-        for i in range(length):
-            plain[target + i] = plain[back + i]
-        target += length
-    return target

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,51 @@ _IMAGE_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
 """How a whole JPEG or PNG file begins, and what stands at its end."""
 
 
+MAX_PICTURE_BYTES = 64 << 20
+MAX_PIXEL_COUNT = 1 << 25
+"""A picture of 8K has fewer. Looked at before a picture is decoded: a few bytes can claim to be gigabytes."""
+_PNG_SIZE = struct.Struct(">8x4x4sII")
+_JPEG_SEGMENT = struct.Struct(">BBH")
+_JPEG_SIZE = struct.Struct(">xHH")
+_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of the segment that says how large a JPEG picture is."""
+
+
 def read_image(path: Path, how: int) -> NDArray[Any] | None:
     """Return the image, or None where there is none or a part is missing (a decoder would fill it with grey)."""
     try:
-        data = path.read_bytes()
+        data = path.read_bytes() if path.stat().st_size <= MAX_PICTURE_BYTES else b""
         is_whole = any(data.startswith(head) and tail in data[-64:] for head, tail in _IMAGE_ENDS)
-        return cv2.imdecode(np.frombuffer(data, np.uint8), how) if is_whole else None
-    except (OSError, cv2.error):
+        if not is_whole or not 0 < _pixel_count(data) <= MAX_PIXEL_COUNT:
+            return None
+        return cv2.imdecode(np.frombuffer(data, np.uint8), how)
+    except (OSError, struct.error, cv2.error):
         return None
+
+
+def _pixel_count(data: bytes) -> int:
+    """Return what a picture says of its size. Raises struct.error where it ends before that."""
+    if data.startswith(b"\x89PNG"):
+        kind, width_px, height_px = _PNG_SIZE.unpack_from(data)
+        return int(width_px * height_px) if kind == b"IHDR" else 0
+    offset = 2
+    while True:
+        sign, marker, length = _JPEG_SEGMENT.unpack_from(data, offset)
+        if sign != 0xFF:
+            return 0
+        if marker in _JPEG_FRAMES:
+            height_px, width_px = _JPEG_SIZE.unpack_from(data, offset + _JPEG_SEGMENT.size)
+            return int(width_px * height_px)
+        # Bytes that fill up the space before a marker are one each.
+        offset += 1 if marker == 0xFF else 2 + length
+
+
+def is_inside(file: Path, folder: Path) -> bool:
+    """Tell whether a file lies below a folder, whatever links there are; a loop of links leads nowhere."""
+    try:
+        return file.resolve().is_relative_to(folder.resolve())
+    except (OSError, RuntimeError):
+        return False
 
 
 def read_values(path: Path, need: str) -> dict[str, float]:

@@ -32,7 +32,7 @@ from navcore.errors import RecordingError
 from navcore.fisheye_recording import FisheyeRecording, FisheyeWriter, open_fisheye
 from navcore.geometry import FloatArray, Transform
 from navcore.planning.poi_graph import POI_KINDS, PoiKind
-from navcore.recorded_files import is_number, read_image, read_values
+from navcore.recorded_files import is_inside, is_number, read_image, read_values
 from navcore.types import CameraIntrinsics, DepthImage, FisheyeCamera, FisheyeImage, Frame
 
 MAX_DEPTH_UNITS = 65_535
@@ -355,7 +355,7 @@ def _read_associations(folder: Path) -> tuple[RecordedFrame, ...]:
             raise RecordingError(f"{path}, line {number}: expected 't_rgb rgb t_depth depth', found {line.strip()!r}.")
         colour, depth = folder / words[1], folder / words[3]
         for file in (colour, depth):
-            if not file.resolve().is_relative_to(folder.resolve()):
+            if not is_inside(file, folder):
                 raise RecordingError(f"{path}, line {number}: {file} lies outside the recording; use paths inside it.")
         entries.append(RecordedFrame(float(words[0]), colour, depth))
     if not entries:

@@ -180,6 +180,8 @@ def _member(header: bytes) -> tarfile.TarInfo:
         info = tarfile.TarInfo.frombuf(header, "ascii", "strict")
     except (tarfile.TarError, ValueError) as error:
         raise RecordingError(f"The recording cannot be unpacked ({error}): send it again.") from error
+    if info.size < 0:
+        raise RecordingError(f"The recording holds {info.name[:100]!r} of a size below nothing: send it again.")
     if not info.isreg() or len(info.name) > _LONGEST_NAME or _MEMBER_NAME.fullmatch(info.name) is None:
         raise RecordingError(f"The recording holds {info.name[:100]!r}, which is no file of a recording: record again.")
     return info

@@ -489,13 +489,13 @@ def parse_assignment(text: str) -> tuple[str, SettingValue]:
     """Read ``group.name=value`` as the command line gives it. Raises SettingError."""
     key, equals, value_text = text.partition("=")
     if not equals:
-        raise SettingError(f"{text!r} is not of the form group.name=value.")
+        raise SettingError(f"{text!r} is not of the form group.name=value: name a setting and its value.")
     spec = spec_of(key)
     if spec.kind == "choice":
         return key, value_text
     try:
         value = json.loads(value_text)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise SettingError(f"{key} cannot be {value_text!r}: {spec.range_text()}.") from error
     if not isinstance(value, (bool, int, float)):
         raise SettingError(f"{key} cannot be {value_text!r}: {spec.range_text()}.")

@@ -28,7 +28,8 @@ import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path, PurePosixPath
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -40,6 +41,7 @@ from navcore.folder_swap import recover, swap_in, sync_tree
 from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import PoiGraph
 from navcore.site_files import (
+    FILE_NAME,
     FORMAT,
     MANIFEST,
     MAX_SITE_BYTES,
@@ -55,9 +57,11 @@ from navcore.site_files import (
 )
 from navcore.site_sessions import Session, SessionTable
 from navcore.types import CameraIntrinsics
+from navcore.zip_reading import copied, opened_zip, told_of_damage
 
 MAX_PACKAGE_BYTES = MAX_SITE_BYTES
 MAX_COORDINATE_M = 100_000.0
+_PACKAGE = "The site package"
 _FOLDERS = ("map", "road", "cloud")
 GRAPH_FILE = "poi_graph.json"
 _CLOUD_FORMS: dict[str, tuple[type, int]] = {
@@ -174,7 +178,7 @@ def load_site(folder: Path) -> Site:
         intrinsics = msgspec.json.decode(contents["camera.json"], type=CameraIntrinsics)
         table = _session_table(manifest, contents.get("sessions.json"))
         cloud = _checked_cloud(folder, by_folder["cloud"], len(table.sessions))
-    except (KeyError, msgspec.MsgspecError) as error:
+    except (KeyError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise SiteError(f"The site {folder} is incomplete ({error}): build the map again.") from error
     _check_roads(folder, roads, table)
     return Site(
@@ -215,7 +219,7 @@ def load_poi_graph(folder: Path) -> PoiGraph:
         # Of what the file says, so that one written before a field was added is still whole.
         found = _graph_checksum(raw)
         graph = msgspec.convert(raw, PoiGraph)
-    except (OSError, ValueError, RecursionError, AttributeError, TypeError) as error:
+    except (OSError, ValueError, OverflowError, RecursionError, AttributeError, TypeError) as error:
         raise SiteError(f"{path} is damaged ({error}): publish the PoI-graph again from the console.") from error
     if (loose := graph.loose_edge()) is not None:
         raise SiteError(
@@ -278,21 +282,27 @@ def unpack_site(package: bytes | Path, folder: Path) -> None:
 
 def _extract(source: bytes | Path, folder: Path) -> None:
     try:
-        with zipfile.ZipFile(io.BytesIO(source) if isinstance(source, bytes) else source) as package:
+        with (
+            io.BytesIO(source) if isinstance(source, bytes) else source.open("rb") as file,
+            opened_zip(file, _PACKAGE, MAX_PACKAGE_BYTES) as package,
+        ):
             entries = package.infolist()
             if sum(entry.file_size for entry in entries) > MAX_PACKAGE_BYTES:
-                raise SiteError("The site package unpacks to more than 1 GiB: export it again with a smaller cloud.")
+                raise SiteError(f"{_PACKAGE} unpacks to more than 1 GiB: export it again with a smaller cloud.")
             for entry in entries:
-                path = PurePosixPath(entry.filename)
-                if path.is_absolute() or ".." in path.parts or len(path.parts) > 2:
+                if FILE_NAME.fullmatch(entry.filename) is None:
                     raise SiteError(
-                        f"The site package holds a file outside the site ({entry.filename}): export it again."
+                        f"{_PACKAGE} holds a file outside the site ({entry.filename[:100]!r}): export it again."
                     )
-                target = folder / path
-                target.parent.mkdir(exist_ok=True)
-                target.write_bytes(package.read(entry))
-    except (zipfile.BadZipFile, OSError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise SiteError(f"The site package is damaged ({error}): export it again.") from error
+                told_of_damage(partial(_extract_entry, package, entry, folder / entry.filename), _PACKAGE)
+    except OSError as error:
+        raise SiteError(f"{_PACKAGE} is damaged ({error}): export it again.") from error
+
+
+def _extract_entry(package: zipfile.ZipFile, entry: zipfile.ZipInfo, target: Path) -> None:
+    target.parent.mkdir(exist_ok=True)
+    with package.open(entry) as packed, target.open("xb") as out:
+        copied(packed, out, entry.file_size)
 
 
 def _write_site(site: Site, folder: Path) -> None:
@@ -318,7 +328,7 @@ def _write_site(site: Site, folder: Path) -> None:
 
 
 def _checked_cloud(folder: Path, cloud: dict[str, NDArray[Any]], sessions: int) -> dict[str, NDArray[Any]]:
-    count = len(cloud["points_m"])
+    count = next(iter(cloud["points_m"].shape), 0)
     for name, array in cloud.items():
         form = _CLOUD_FORMS.get(name)
         shape = (count, 3)[: form[1]] if form else None

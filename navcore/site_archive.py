@@ -22,14 +22,12 @@ import hashlib
 import re
 import shutil
 import stat
-import struct
 import tempfile
 import zipfile
-import zlib
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
-from typing import IO, BinaryIO, TypeVar
+from typing import BinaryIO
 
 import msgspec
 
@@ -37,27 +35,21 @@ from navcore.errors import InputError, SiteError
 from navcore.folder_swap import recover, swap_in, sync_tree
 from navcore.planning.edits import validate
 from navcore.site import GRAPH_FILE, load_poi_graph, load_site, map_checksum, prepare_site_folder
-from navcore.site_files import MANIFEST, MAX_SITE_BYTES, FileEntry, read_manifest, write_whole
+from navcore.site_files import FILE_NAME, MANIFEST, MAX_SITE_BYTES, FileEntry, read_manifest, write_whole
+from navcore.zip_reading import AGAIN, copied, opened_zip, told_of_damage
 
 FORMAT = "vbr-site-archive"
 SCHEMA_VERSION = 1
 ARCHIVE_MANIFEST = "archive.json"
 ORIGIN_FILE = "origin.json"
 """In a site's folder, beside what belongs to the site: which archive it was unpacked from."""
-MAX_FILE_COUNT = 4096
 MAX_ARCHIVE_BYTES = MAX_SITE_BYTES + (8 << 20)
 """What cannot be packed is stored as it is; the rest is for the list of files."""
 _MAX_MANIFEST_BYTES = 4 << 20
-_MAX_DIRECTORY_BYTES = 1 << 20
-_MEMBER = re.compile(r"archive\.json|site/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99})?")
+_MEMBER = re.compile(rf"archive\.json|site/(?:{FILE_NAME.pattern})")
 _PREFIX = "site/"
-_PIECE_BYTES = 1 << 20
-_AGAIN = "export the site again"
-# The zip format's record at the very end, and the one before it that only archives above 4 GiB have.
-_END = struct.Struct("<4s4H2LH")
-_END_SIGN, _ZIP64_SIGN, _ZIP64_BYTES = b"PK\x05\x06", b"PK\x06\x07", 20
+_WHAT = "The site archive"
 _ENCRYPTED = 0x1
-Result = TypeVar("Result")
 
 
 class Origin(msgspec.Struct, frozen=True):
@@ -98,9 +90,9 @@ def write_site_archive(folder: Path, out: BinaryIO) -> ArchiveManifest:
         for name, entry in manifest.files.items():
             with (folder / name.removeprefix(_PREFIX)).open("rb") as source:
                 with archive.open(_member(name), "w") as target:
-                    found = _copy(source, target, entry.size)
+                    found = copied(source, target, entry.size)
                 if found != entry:
-                    raise SiteError(f"{name} has changed while the site was exported: {_AGAIN}.")
+                    raise SiteError(f"{name} has changed while the site was exported: {AGAIN}.")
     return manifest
 
 
@@ -135,7 +127,7 @@ def _archive_manifest(folder: Path) -> ArchiveManifest:
 def _entry_of(folder: Path, name: str) -> FileEntry:
     try:
         with (folder / name).open("rb") as source:
-            return _copy(source, None, MAX_SITE_BYTES)
+            return copied(source, None, MAX_SITE_BYTES)
     except OSError as error:
         raise SiteError(f"{name} of the site {folder} cannot be read ({error.strerror}): see to the disk.") from error
 
@@ -183,37 +175,18 @@ def unpack_site_archive(source: Path, folder: Path, *, replace: bool = False) ->
 
 
 def _unpack(source: Path, fresh: Path) -> ArchiveManifest:
-    with source.open("rb") as file:
-        _check_end(file)
-        with _told_of_damage(lambda: zipfile.ZipFile(file)) as archive:
-            members = _checked_members(archive)
-            manifest = _read_manifest(archive, members)
-            _check_sizes(members, manifest)
-            for name, entry in manifest.files.items():
-                target = fresh / name.removeprefix(_PREFIX)
-                target.parent.mkdir(exist_ok=True)
-                with target.open("xb") as out:
-                    found = _told_of_damage(partial(_read_member, archive, name, out), name)
-                if found != entry:
-                    raise SiteError(f"{name} of the site archive has another checksum than it should: {_AGAIN}.")
+    with source.open("rb") as file, opened_zip(file, _WHAT, MAX_ARCHIVE_BYTES) as archive:
+        members = _checked_members(archive)
+        manifest = _read_manifest(archive, members)
+        _check_sizes(members, manifest)
+        for name, entry in manifest.files.items():
+            target = fresh / name.removeprefix(_PREFIX)
+            target.parent.mkdir(exist_ok=True)
+            with target.open("xb") as out:
+                found = told_of_damage(partial(_read_member, archive, name, out), f"{name} of the site archive")
+            if found != entry:
+                raise SiteError(f"{name} of the site archive has another checksum than it should: {AGAIN}.")
     return manifest
-
-
-def _check_end(file: BinaryIO) -> None:
-    """Look at the record at the end before anything else reads the list of files: it says how long that is."""
-    size_bytes = file.seek(0, 2)
-    if size_bytes > MAX_ARCHIVE_BYTES:
-        raise SiteError("The site archive is larger than 1 GiB: export it again with a smaller cloud.")
-    file.seek(max(0, size_bytes - _END.size - _ZIP64_BYTES))
-    before, record = (tail := file.read())[: -_END.size], tail[-_END.size :]
-    if len(record) < _END.size or record[:4] != _END_SIGN:
-        raise SiteError(f"The file is no site archive, or its end is missing: send it again, or {_AGAIN}.")
-    _, disk, first_disk, here, count, directory_bytes, offset, comment_bytes = _END.unpack(record)
-    is_whole = offset + directory_bytes + _END.size == size_bytes and (disk, first_disk, comment_bytes) == (0, 0, 0)
-    if not is_whole or here != count or before[:4] == _ZIP64_SIGN:
-        raise SiteError(f"The site archive is damaged (its list of files is not where it should be): {_AGAIN}.")
-    if count > MAX_FILE_COUNT or directory_bytes > _MAX_DIRECTORY_BYTES:
-        raise SiteError(f"The site archive lists more files than a site has: {_AGAIN}.")
 
 
 def _checked_members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
@@ -221,15 +194,15 @@ def _checked_members(archive: zipfile.ZipFile) -> dict[str, zipfile.ZipInfo]:
     for member in archive.infolist():
         name = member.filename
         if stat.S_ISLNK(member.external_attr >> 16):
-            raise SiteError(f"The site archive holds a link ({name[:100]!r}), and files alone are taken: {_AGAIN}.")
+            raise SiteError(f"The site archive holds a link ({name[:100]!r}), and files alone are taken: {AGAIN}.")
         if _MEMBER.fullmatch(name) is None or name != member.orig_filename:
-            raise SiteError(f"The site archive holds {name[:100]!r}, which is no file of a site: {_AGAIN}.")
+            raise SiteError(f"The site archive holds {name[:100]!r}, which is no file of a site: {AGAIN}.")
         if name in members:
-            raise SiteError(f"The site archive holds {name} twice: {_AGAIN}.")
+            raise SiteError(f"The site archive holds {name} twice: {AGAIN}.")
         if member.flag_bits & _ENCRYPTED:
             raise SiteError(f"{name} of the site archive is encrypted: export the site without a password.")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise SiteError(f"{name} of the site archive is packed in a way that is not known here: {_AGAIN}.")
+            raise SiteError(f"{name} of the site archive is packed in a way that is not known here: {AGAIN}.")
         members[name] = member
     if sum(member.file_size for member in members.values()) > MAX_SITE_BYTES:
         raise SiteError("The site archive unpacks to more than 1 GiB: export it again with a smaller cloud.")
@@ -240,8 +213,8 @@ def _read_manifest(archive: zipfile.ZipFile, members: Mapping[str, zipfile.ZipIn
     if ARCHIVE_MANIFEST not in members:
         raise SiteError(f"The zip file is no site archive (it has no {ARCHIVE_MANIFEST}): name one that was exported.")
     if members[ARCHIVE_MANIFEST].file_size > _MAX_MANIFEST_BYTES:
-        raise SiteError(f"The list of files in the site archive is larger than a site's: {_AGAIN}.")
-    data = _told_of_damage(lambda: archive.read(ARCHIVE_MANIFEST), ARCHIVE_MANIFEST)
+        raise SiteError(f"The list of files in the site archive is larger than a site's: {AGAIN}.")
+    data = told_of_damage(lambda: archive.read(ARCHIVE_MANIFEST), f"{ARCHIVE_MANIFEST} of the site archive")
     try:
         version = msgspec.json.decode(data, type=_Version)
         if version.format == FORMAT and version.schema_version > SCHEMA_VERSION:
@@ -251,9 +224,9 @@ def _read_manifest(archive: zipfile.ZipFile, members: Mapping[str, zipfile.ZipIn
             )
         manifest = msgspec.json.decode(data, type=ArchiveManifest)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise SiteError(f"The list of files in the site archive cannot be read ({error}): {_AGAIN}.") from error
+        raise SiteError(f"The list of files in the site archive cannot be read ({error}): {AGAIN}.") from error
     if manifest.format != FORMAT or manifest.schema_version < 1 or manifest.id != _identity(manifest.files):
-        raise SiteError(f"The list of files in the site archive contradicts itself: {_AGAIN}.")
+        raise SiteError(f"The list of files in the site archive contradicts itself: {AGAIN}.")
     return manifest
 
 
@@ -267,18 +240,18 @@ class _Version(msgspec.Struct, frozen=True):
 def _check_sizes(members: Mapping[str, zipfile.ZipInfo], manifest: ArchiveManifest) -> None:
     listed = set(manifest.files)
     if missing := sorted(listed - set(members)):
-        raise SiteError(f"The site archive lacks {missing[0][:100]}: {_AGAIN}.")
+        raise SiteError(f"The site archive lacks {missing[0][:100]}: {AGAIN}.")
     if extra := sorted(set(members) - listed - {ARCHIVE_MANIFEST}):
-        raise SiteError(f"The site archive holds {extra[0]}, which its own list does not name: {_AGAIN}.")
+        raise SiteError(f"The site archive holds {extra[0]}, which its own list does not name: {AGAIN}.")
     for name, entry in manifest.files.items():
         if members[name].file_size != entry.size:
-            raise SiteError(f"{name} of the site archive is not as large as its own list says: {_AGAIN}.")
+            raise SiteError(f"{name} of the site archive is not as large as its own list says: {AGAIN}.")
 
 
 def _read_member(archive: zipfile.ZipFile, name: str, out: BinaryIO) -> FileEntry:
     """Unpack a member: never more than the size that was agreed on, whatever its packed bytes come to."""
     with archive.open(name) as packed:
-        return _copy(packed, out, archive.getinfo(name).file_size)
+        return copied(packed, out, archive.getinfo(name).file_size)
 
 
 def _check_site(fresh: Path, manifest: ArchiveManifest) -> None:
@@ -293,40 +266,4 @@ def _check_site(fresh: Path, manifest: ArchiveManifest) -> None:
         raise SiteError(f"The PoI-graph in the site archive cannot be used: {error}") from error
     found = (site.site_id, map_checksum(fresh), site.poi_graph.version)
     if found != (manifest.site_id, manifest.map_sha256, manifest.graph_version):
-        raise SiteError(f"The site archive holds another site than it says: {_AGAIN}.")
-
-
-# --------------------------------------------------------------------------------------------------------- parts
-def _copy(source: IO[bytes], out: IO[bytes] | None, max_bytes: int) -> FileEntry:
-    """Copy up to ``max_bytes``, and one piece at most beyond; return what has been copied."""
-    digest, size_bytes = hashlib.sha256(), 0
-    for piece in _pieces(source):
-        digest.update(piece)
-        size_bytes += len(piece)
-        if out is not None:
-            out.write(piece)
-        if size_bytes > max_bytes:
-            break
-    return FileEntry(size_bytes, digest.hexdigest())
-
-
-def _pieces(source: IO[bytes]) -> Iterator[bytes]:
-    while piece := source.read(_PIECE_BYTES):
-        yield piece
-
-
-def _told_of_damage(read: Callable[[], Result], name: str = "") -> Result:
-    """Read from the archive; whatever its bytes make the reader raise is a SiteError."""
-    try:
-        return read()
-    except (
-        zipfile.BadZipFile,
-        zlib.error,
-        struct.error,
-        EOFError,
-        ValueError,
-        NotImplementedError,
-        RuntimeError,
-    ) as error:
-        where = f"{name} of the site archive" if name else "The site archive"
-        raise SiteError(f"{where} is damaged ({error}): {_AGAIN}.") from error
+        raise SiteError(f"The site archive holds another site than it says: {AGAIN}.")

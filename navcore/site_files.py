@@ -13,8 +13,10 @@ import io
 import json
 import math
 import os
+import re
 import tempfile
-from pathlib import Path, PurePosixPath
+import tokenize
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -30,6 +32,8 @@ the map can be wrong, key frame by key frame. Older ones are read, newer ones ar
 MANIFEST = "manifest.json"
 MAX_SITE_BYTES = 1 << 30
 """All files of a site together, at most."""
+FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99})?")
+"""What files of a site may be called, folders of theirs included: nothing leads out of it."""
 _ADVICE = "build the map again, or take it from a backup"
 
 
@@ -78,12 +82,15 @@ def read_manifest(folder: Path) -> Manifest:
         raw = json.loads(path.read_bytes())
         _refuse_newer(folder, raw)
         manifest = msgspec.convert(raw, Manifest)
-    except (OSError, ValueError, RecursionError) as error:
+        checksum = _checksum(manifest)
+    except (OSError, ValueError, OverflowError, RecursionError) as error:
         raise SiteError(f"{path} is damaged ({error}): {_ADVICE}.") from error
     if manifest.format != FORMAT or manifest.schema_version < 1:
         raise SiteError(f"{folder} is not a site of this program: name a folder made by `vbr map build`.")
-    if manifest.schema_version > 1 and manifest.sha256 != _checksum(manifest):
+    if manifest.schema_version > 1 and manifest.sha256 != checksum:
         raise SiteError(f"{path} is damaged (its checksum is another): {_ADVICE}.")
+    if (foreign := next((name for name in manifest.files if FILE_NAME.fullmatch(name) is None), None)) is not None:
+        raise SiteError(f"The site {folder} names a file outside itself ({foreign[:100]!r}): build the map again.")
     if sum(entry.size for entry in manifest.files.values()) > MAX_SITE_BYTES:
         raise SiteError(f"The site {folder} says that it is larger than 1 GiB: {_ADVICE}.")
     return manifest
@@ -100,15 +107,13 @@ def _refuse_newer(folder: Path, raw: object) -> None:
 
 
 def read_checked(folder: Path, name: str, entry: FileEntry) -> bytearray:
-    """Read a file that must be what the manifest says. Raises SiteError."""
-    path = PurePosixPath(name)
-    if path.is_absolute() or ".." in path.parts:
-        raise SiteError(f"The site {folder} names a file outside itself ({name}): build the map again.")
+    """Read a file of a checked manifest, which must be what that says. Raises SiteError."""
+    path = folder / name
     try:
         # Looked at first: a file that has grown without bound is not read.
-        data = bytearray((folder / path).stat().st_size if entry.size >= 0 else 0)
+        data = bytearray(path.stat().st_size if entry.size >= 0 else 0)
         if len(data) == entry.size:
-            with (folder / path).open("rb") as file:
+            with path.open("rb") as file:
                 file.readinto(data)
     except (OSError, MemoryError) as error:
         raise SiteError(f"The site {folder} lacks {name}: {_ADVICE}.") from error
@@ -124,6 +129,10 @@ def npy_bytes(array: NDArray[Any]) -> bytes:
     return out.getvalue()
 
 
+_NO_ARRAY = (ValueError, EOFError, OverflowError, SyntaxError, RecursionError, MemoryError, tokenize.TokenError)
+"""What NumPy raises for a header that says nothing: it is read as a piece of Python."""
+
+
 def array_of(folder: Path, name: str, data: bytearray) -> NDArray[Any]:
     """Return the array of a ``.npy`` file; it uses the memory of ``data``. Raises SiteError."""
     head = io.BytesIO(memoryview(data)[:4096])
@@ -136,7 +145,7 @@ def array_of(folder: Path, name: str, data: bytearray) -> NDArray[Any]:
         if math.prod(shape) * dtype.itemsize != len(data) - head.tell():
             raise ValueError("its size is not that of its numbers")
         return np.frombuffer(data, dtype, offset=head.tell()).reshape(shape)
-    except (ValueError, EOFError, OverflowError) as error:
+    except _NO_ARRAY as error:
         raise SiteError(f"{name} of the site {folder} is no array ({error}): build the map again.") from error
 
 

@@ -19,10 +19,12 @@ from typing import BinaryIO
 
 import zstandard
 from google.protobuf.message import DecodeError
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel, Chunk, Footer, McapRecord, Message, Metadata, Schema
+from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap.writer import MCAP0_MAGIC
 
 from navcore.errors import InputError
@@ -32,6 +34,10 @@ METADATA_NAME = "walk"
 """Of the record that says of a file what :class:`WalkPart` reads."""
 MAX_RECORD_BYTES = 128 << 20
 """No chunk that is written here comes near it."""
+MAX_CHUNK_RECORD_COUNT = 100_000
+MAX_RECORD_COUNT = 2_000_000
+"""In a chunk, and in a file: twenty times what ten minutes hold. Some bytes can be unpacked into millions of records of
+nothing, and each is read by itself."""
 NS_PER_S = 1_000_000_000
 _DAMAGE = (McapError, ValueError, struct.error, zstandard.ZstdError, DecodeError, OverflowError, MemoryError, KeyError)
 _PLAIN_ID = re.compile(r"[A-Za-z0-9_-]{1,120}")
@@ -137,10 +143,14 @@ class WalkFile:
 
     def _until_damaged(self, file: BinaryIO) -> Iterator[tuple[int, list[McapRecord]]]:
         reader = StreamReader(file, emit_chunks=True, record_size_limit=MAX_RECORD_BYTES)
-        offset = file.tell()
+        offset, count = file.tell(), 0
         try:
             for record in reader.records:
-                yield offset, unpacked(record)
+                records = unpacked(record)
+                count += len(records)
+                if count > MAX_RECORD_COUNT:
+                    raise ValueError(f"it holds more than {MAX_RECORD_COUNT} records")
+                yield offset, records
                 offset = file.tell()
         except OSError as error:
             raise InputError(f"{self.path} cannot be read ({error.strerror}): copy it elsewhere.") from error
@@ -202,7 +212,28 @@ def unpacked(record: McapRecord) -> list[McapRecord]:
         sizes.append(zstandard.frame_content_size(record.data))
     if max(sizes) > MAX_RECORD_BYTES:
         raise ValueError("a part of it claims to be too large")
-    return list(breakup_chunk(record, validate_crc=True))
+    stream, size_bytes = get_chunk_data_stream(record, validate_crc=True)
+    found: list[McapRecord] = []
+    while stream.count < size_bytes:
+        if len(found) == MAX_CHUNK_RECORD_COUNT:
+            raise ValueError(f"a part of it holds more than {MAX_CHUNK_RECORD_COUNT} records")
+        found.append(_next_record(stream))
+    return found
+
+
+def _next_record(stream: ReadDataStream) -> McapRecord:
+    opcode, length = stream.read1(), stream.read8()
+    record: McapRecord
+    match opcode:
+        case Opcode.MESSAGE:
+            record = Message.read(stream, length)
+        case Opcode.CHANNEL:
+            record = Channel.read(stream)
+        case Opcode.SCHEMA:
+            record = Schema.read(stream)
+        case _:
+            raise ValueError(f"a part of it holds a record of the unknown kind {opcode}")
+    return record
 
 
 def _whole(text: str | None, otherwise: int) -> int:

@@ -16,12 +16,12 @@ from navcore.errors import SiteError
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
 from navcore.site import Site, load_site, save_poi_graph, save_site
 from navcore.site_archive import (
-    MAX_FILE_COUNT,
     ORIGIN_FILE,
     ArchiveManifest,
     unpack_site_archive,
     write_site_archive,
 )
+from navcore.zip_reading import MAX_FILE_COUNT
 
 GRAPH = PoiGraph(
     7,

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from console.hub import DeviceHub
 from console.live import LiveDevice
-from console.message_log import TimedMessage
+from console.message_log import MessageLogError, TimedMessage
 from navcore.wire import ConsoleMessage, Hello
 
 
@@ -22,15 +22,21 @@ class _NoWay:
 
 
 def replayed(messages: Iterable[TimedMessage], name: str) -> Iterator[tuple[TimedMessage, LiveDevice]]:
-    """Return each message with the device as the console knew it after it: the hub itself is fed with what was kept."""
+    """Return each message with the device as the console knew it after it: the hub itself is fed with what was kept.
+
+    Raises MessageLogError where the device does not say first who it is.
+    """
     now = [0.0]
     hub = DeviceHub(now_s=lambda: now[0])
+    device_id = ""
     for timed in messages:
         now[0] = timed.arrival_s
         message = timed.message
         if isinstance(message, Hello):
             device_id = message.device_id
             hub.connect(message, name, _NoWay())
+        elif not device_id:
+            raise MessageLogError("The messages do not begin with who sent them: they cannot be shown.")
         else:
             hub.receive(device_id, message)
         device = hub.device(device_id)

@@ -9,18 +9,20 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from console.map_geometry.occupancy import Occupancy, occupancy_of
 from console.map_geometry.wall_segments import wall_segments
 from navcore.errors import InputError, SiteError, VbrError
 from navcore.geometry import FloatArray
 from navcore.site import Site, load_site, map_checksum
+from navcore.zip_reading import told_of_damage
 
 SURVEY_VERSION = 2
 """Counts up when something is measured in another way: what was kept is measured anew."""
@@ -61,9 +63,8 @@ def save_survey(survey: Survey, file: Path) -> None:
 def load_survey(file: Path) -> Survey:
     """Read a survey. Raises InputError where it is damaged, missing, or was measured in another way."""
     try:
-        with np.load(file, allow_pickle=False) as stored:
-            frame, is_occupied, is_known, walls_m = (stored[name] for name in _FILES)
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        frame, is_occupied, is_known, walls_m = told_of_damage(lambda: _stored(file), str(file))
+    except (OSError, SiteError) as error:
         raise InputError(f"{file} cannot be read ({error}): measure the map again.") from error
     fits = (
         frame.shape == (4,) and frame[0] == SURVEY_VERSION and bool(np.isfinite(frame).all()) and frame[3] > 0.0
@@ -73,6 +74,14 @@ def load_survey(file: Path) -> Survey:
     if not fits:
         raise InputError(f"{file} is of another form: measure the map again.")
     return Survey(Occupancy(float(frame[1]), float(frame[2]), float(frame[3]), is_occupied, is_known), walls_m)
+
+
+def _stored(file: Path) -> tuple[NDArray[Any], ...]:
+    with np.load(file, allow_pickle=False) as stored:
+        try:
+            return tuple(stored[name] for name in _FILES)
+        except (KeyError, MemoryError, AttributeError, TypeError) as error:
+            raise ValueError(f"{type(error).__name__}: {error}") from error
 
 
 def main(arguments: list[str] | None = None) -> int:

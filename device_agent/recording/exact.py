@@ -22,6 +22,12 @@ _ARRAY_KINDS = "fiub"
 """Floating-point and whole numbers, and truth values: no objects, no text."""
 
 
+_UNREADABLE = (
+    msgspec.MsgspecError, SettingError, ValueError, TypeError, KeyError, OverflowError, SyntaxError, RecursionError,
+)  # fmt: skip
+"""SyntaxError and OverflowError are NumPy's, for types and shapes that are none."""
+
+
 def encode(value: object) -> bytes:
     """Return the value as msgpack. Raises TypeError for what is no plain value."""
     return _encoder.encode(value)
@@ -31,7 +37,7 @@ def decode(data: bytes, kind: type[T]) -> T:
     """Return the value of a type from what :func:`encode` made of it. Raises InputError."""
     try:
         return cast(T, _decoder(cast(Hashable, kind)).decode(data))
-    except (msgspec.MsgspecError, SettingError, ValueError, TypeError, KeyError, RecursionError) as error:
+    except _UNREADABLE as error:
         raise InputError(
             f"A value of the recording cannot be read ({error}): use the version of the program that recorded it."
         ) from error
@@ -60,6 +66,8 @@ def _to_plain(value: object) -> object:
 
 def _from_plain(kind: type[Any], plain: Any) -> object:
     if kind is Settings:
+        if not isinstance(plain, dict):
+            raise TypeError("settings are given by name")
         return Settings().changed(plain)
     if (get_origin(kind) or kind) is not np.ndarray:
         raise TypeError(f"{kind} cannot be read from a recording")

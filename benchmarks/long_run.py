@@ -1,6 +1,7 @@
 """Eight hours of walking and monitoring, as fast as the machine allows: does anything grow, does anything get slower?
 
     python -m benchmarks.long_run [--hours 8] [--only device console viewer] [--size 160x120] [--rate-hz 10] [--seed 0]
+        [--longest-min MINUTES]
 
 Two cores cannot do all of it at once in good time, so it is in three parts, each for all the hours:
 
@@ -19,12 +20,14 @@ Two cores cannot do all of it at once in good time, so it is in three parts, eac
 
 Everything is read each ten simulated minutes. Prints Markdown: the medians of the first hour after the warm-up hour and
 of the last one, their ratio, and the slope after the warm-up (Theil–Sen, with 95 %). Times are those of a machine that
-other work may share: look at the ratios.
+other work may share: look at the ratios. A part that takes longer than ``--longest-min`` of real time ends there, and
+tells how far it came.
 """
 
 from __future__ import annotations
 
 import argparse
+import math
 import multiprocessing
 import tempfile
 import time
@@ -33,7 +36,7 @@ from pathlib import Path
 
 from benchmarks import long_run_console
 from benchmarks.growth import table
-from benchmarks.long_run_console import Readings
+from benchmarks.long_run_console import Plan, Readings
 
 PARTS = ("device", "console", "viewer")
 
@@ -46,6 +49,7 @@ def main() -> None:
     parser.add_argument("--size", default="160x120", help="of the device's pictures")
     parser.add_argument("--rate-hz", type=float, default=10.0, help="of the device's camera")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--longest-min", type=float, default=math.inf, help="real minutes of each part")
     arguments = parser.parse_args()
     for name in arguments.only:
         with tempfile.TemporaryDirectory() as folder:
@@ -53,17 +57,18 @@ def main() -> None:
             print(f"== {name}, {arguments.hours:g} simulated hours", flush=True)
             (hours, readings), more = _measured(name, arguments, Path(folder))
             print("\n".join(["", *table(hours, readings), "", *more]))
-            print(f"{name} took {time.monotonic() - began_s:.0f} s", flush=True)
+            print(f"{name}: {hours[-1]:.1f} simulated hours took {time.monotonic() - began_s:.0f} s", flush=True)
 
 
 def _measured(name: str, arguments: argparse.Namespace, folder: Path) -> tuple[Readings, list[str]]:
+    plan = Plan(arguments.hours, time.monotonic() + 60.0 * arguments.longest_min)
     if name == "device":
         how = arguments.size, arguments.rate_hz, arguments.seed
-        return long_run_console.device(arguments.hours, *how, folder), []
+        return long_run_console.device(plan, *how, folder), []
     if name == "viewer":
-        return long_run_console.viewer(arguments.hours, folder)
+        return long_run_console.viewer(plan, folder)
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as devices:
-        return long_run_console.console(arguments.hours, folder, devices), []
+        return long_run_console.console(plan, folder, devices), []
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -41,6 +42,23 @@ _SILENT_S = 7.0
 """Of a device that leads somebody: an alert, and an incident."""
 _DEVICE = "glasses-0"
 Readings = tuple[list[float], list[Reading]]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How long a part goes on."""
+
+    hours: float
+    """Simulated."""
+    until_s: float
+    """And no longer than this (monotonic clock)."""
+
+    def steps(self) -> Iterator[int]:
+        """Yield the number of each ten minutes, from 1 on, until time is up."""
+        for number in range(1, round(60.0 * self.hours / STEP_MINUTES) + 1):
+            if time.monotonic() >= self.until_s:
+                return
+            yield number
 
 
 class People:
@@ -125,13 +143,13 @@ def kept(console: RunningConsole) -> dict[str, float]:
 
 
 # ----------------------------------------------------------------------------------------------------- the device
-def device(hours: float, size: str, rate_hz: float, seed: int, folder: Path) -> Readings:
+def device(plan: Plan, size: str, rate_hz: float, seed: int, folder: Path) -> Readings:
     """Let a real device walk beside a real console; read both every ten minutes of the device's time."""
     at_h: list[float] = []
     readings: list[Reading] = []
     with console_process(folder / "console", 1) as console:
         people = People(console)
-        with _walking(folder / "device", console, hours, size, rate_hz, seed) as process:
+        with _walking(folder / "device", console, plan.hours, size, rate_hz, seed) as process:
             assert process.stdin is not None
             assert process.stdout is not None
             for line in process.stdout:
@@ -140,7 +158,10 @@ def device(hours: float, size: str, rate_hz: float, seed: int, folder: Path) -> 
                 at_h.append(told["hours"])
                 readings.append(held | told["figures"] | kept(console))
                 people.http.post(f"/api/devices/{_DEVICE}/say", json={"text": f"Sentence {len(at_h)}."})
-                _progress("device", told["hours"], hours, told["took_s"])
+                _progress("device", told["hours"], plan, told["took_s"])
+                if time.monotonic() >= plan.until_s:
+                    # It walks on when it has read a line, and ends where there is none to come.
+                    break
                 process.stdin.write("\n")
                 process.stdin.flush()
         stored = len(console.stored_sequences(_DEVICE))
@@ -161,13 +182,15 @@ def _walking(
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
+            assert process.stdin is not None
+            process.stdin.close()
             assert process.wait() == 0
         finally:
             process.kill()
 
 
 # ---------------------------------------------------------------------------------------------------- the console
-def console(hours: float, folder: Path, devices: ProcessPoolExecutor) -> Readings:
+def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> Readings:
     """Let so many hours of a walker's messages come in as fast as they are taken, while people watch and work."""
     at_h: list[float] = []
     readings: list[Reading] = []
@@ -183,7 +206,7 @@ def console(hours: float, folder: Path, devices: ProcessPoolExecutor) -> Reading
                 asyncio.create_task(look(running.url, running.cookie, page, until_s, each))
                 for page, each in zip(pages, seen, strict=True)
             ]
-            for number in range(1, round(60.0 * hours / STEP_MINUTES) + 1):
+            for number in plan.steps():
                 from_s = time.monotonic()
                 bursts = loop.run_in_executor(
                     devices, burst_all, running.socket_url, running.tokens[0], STEP_MINUTES, told
@@ -201,7 +224,7 @@ def console(hours: float, folder: Path, devices: ProcessPoolExecutor) -> Reading
                 }
                 readings.append(held | await asyncio.to_thread(joining, running))
                 at_h.append(number * STEP_MINUTES / 60.0)
-                _progress("console", at_h[-1], hours, time.monotonic() - began_s)
+                _progress("console", at_h[-1], plan, time.monotonic() - began_s)
             for task in looking:
                 task.cancel()
             await asyncio.gather(*looking, return_exceptions=True)
@@ -214,7 +237,7 @@ def console(hours: float, folder: Path, devices: ProcessPoolExecutor) -> Reading
         incidents = len(list((running.data_folder / "incidents").iterdir()))
     lost = len(set(range(1, told.events_count + 1)) - set(stored))
     print(
-        f"console: {round(hours * 3600 * STATES_HZ):,} states over {told.links_count:,} links, {told.events_count:,}"
+        f"console: {round(at_h[-1] * 3600 * STATES_HZ):,} states over {told.links_count:,} links, {told.events_count:,}"
         f" events ({lost} not stored), {incidents} incidents; {people.refused_count} of people's requests refused"
     )
     return at_h, readings
@@ -231,7 +254,7 @@ class _Nowhere:
         """Nothing to close."""
 
 
-def viewer(hours: float, folder: Path) -> tuple[Readings, list[str]]:
+def viewer(plan: Plan, folder: Path) -> tuple[Readings, list[str]]:
     """Let the scene look as often as in so many hours, with a window that stays and others that come and go."""
     save_site(corridor(), folder / "site")
     server = ConsoleServer(ConsoleConfig(folder / "site", folder / "data", port=0))
@@ -248,13 +271,13 @@ def viewer(hours: float, folder: Path) -> tuple[Readings, list[str]]:
     ticks_count, began_s = round(60.0 * STEP_MINUTES * STATES_HZ), time.monotonic()
     try:
         with windows(url, [cookie], "/graph/edges"):
-            for number in range(1, round(60.0 * hours / STEP_MINUTES) + 1):
+            for number in plan.steps():
                 asyncio.run_coroutine_threadsafe(_ticks(scene, ticks_count), scene.embedded.loop).result()
                 joined_s = [whole_scene_s(url, cookie) for _ in range(3)]
                 held = process_reading(os.getpid(), "viewer's console") | _buffered(scene)
                 readings.append(held | {"viewer: new window until whole scene, ms": 1e3 * float(np.median(joined_s))})
                 at_h.append(number * STEP_MINUTES / 60.0)
-                _progress("viewer", at_h[-1], hours, time.monotonic() - began_s)
+                _progress("viewer", at_h[-1], plan, time.monotonic() - began_s)
         return (at_h, readings), _after_days(scene, url, cookie)
     finally:
         server.stop()
@@ -310,6 +333,6 @@ def _after_days(scene: Scene, url: str, cookie: str) -> list[str]:
     return lines
 
 
-def _progress(what: str, at_h: float, hours: float, took_s: float) -> None:
-    sys.stderr.write(f"{what}: {at_h:.2f} of {hours:g} h after {took_s:.0f} s\n")
+def _progress(what: str, at_h: float, plan: Plan, took_s: float) -> None:
+    sys.stderr.write(f"{what}: {at_h:.2f} of {plan.hours:g} h after {took_s:.0f} s\n")
     sys.stderr.flush()

@@ -208,7 +208,8 @@ def _walk_on(
         sys.stdout.write(json.dumps(told) + "\n")
         sys.stdout.flush()
         # Whoever reads looks at this process now, before it goes on.
-        sys.stdin.readline()
+        if not sys.stdin.readline():
+            return
 
 
 if __name__ == "__main__":

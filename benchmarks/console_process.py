@@ -101,6 +101,17 @@ def console_process(folder: Path, devices_count: int, profile: Path | None = Non
         console.process.wait(30.0)
 
 
+@contextmanager
+def console_again(folder: Path, known: RunningConsole) -> Iterator[RunningConsole]:
+    """Serve, until the block ends, a folder with a copy of what ``known`` serves: the same people are signed in."""
+    process, url = _started(folder, 0)
+    try:
+        yield RunningConsole(folder, process, url, known.session, known.tokens)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(30.0)
+
+
 def _started(folder: Path, port: int, profile: Path | None = None) -> tuple[subprocess.Popen[bytes], str]:
     ready_file = folder / "ready.json"
     ready_file.unlink(missing_ok=True)

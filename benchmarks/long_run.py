@@ -68,7 +68,7 @@ def _measured(name: str, arguments: argparse.Namespace, folder: Path) -> tuple[R
     if name == "viewer":
         return long_run_console.viewer(plan, folder)
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as devices:
-        return long_run_console.console(plan, folder, devices), []
+        return long_run_console.console(plan, folder, devices)
 
 
 if __name__ == "__main__":

@@ -5,12 +5,15 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import shutil
+import sqlite3
 import subprocess
 import sys
 import time
+from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,13 +22,14 @@ import httpx
 import numpy as np
 from websockets.sync.client import connect
 
-from benchmarks.console_process import RunningConsole, console_process, corridor
+from benchmarks.console_process import RunningConsole, console_again, console_process, corridor
 from benchmarks.editor import opened, read, windows
 from benchmarks.growth import Reading, folder_mb, process_reading
 from benchmarks.monitor_browsers import Page, Seen, console_page, look, overview_page
 from benchmarks.monitor_devices import Told, burst_all
 from console.config import ConsoleConfig
 from console.server import ConsoleServer
+from console.store import DATABASE_FILE
 from console.viewer.scene import Scene
 from navcore.modes import Mode
 from navcore.site import save_site
@@ -36,6 +40,7 @@ STATES_HZ = 20.0
 BROADCAST_HZ = 80.0
 """What a live scene would send to everybody, were it shared: the rate of design note 1.5."""
 DAYS = (0, 1, 7, 30)
+COMPARED_COUNT = 5
 _WHOLE_SCENE = {"/map/cloud/points", "/graph/edges"}
 _ALERTS = Page("/live/alerts", None)
 _SILENT_S = 7.0
@@ -70,7 +75,8 @@ class People:
             base_url=console.url, headers={"Origin": console.url, "Cookie": console.cookie}, trust_env=False,
             timeout=60.0,
         )  # fmt: skip
-        self.refused_count = 0
+        self.refused: Counter[str] = Counter()
+        """What was answered to what could not be done."""
 
     def do(self, number: int) -> None:
         """Edit, publish, try settings, speak, keep an incident, acknowledge alerts, delete what is too old."""
@@ -94,7 +100,8 @@ class People:
 
     def _count(self, answer: httpx.Response) -> None:
         assert answer.status_code < 500, answer.text
-        self.refused_count += answer.status_code >= 400
+        if answer.status_code >= 400:
+            self.refused[f"{answer.request.url.path.rsplit('/', 1)[1]}: {answer.json()['error']}"] += 1
 
 
 def whole_scene_s(url: str, cookie: str) -> float:
@@ -129,6 +136,30 @@ def joining(console: RunningConsole) -> dict[str, float]:
         "console: new page until /live's first message, ms": 1e3
         * float(np.median([first_message_s(console.url, cookie) for _ in range(3)])),
     }
+
+
+def beside_a_fresh_one(aged: RunningConsole, folder: Path) -> list[str]:
+    """Compare how long somebody who comes now waits at a console that has run for hours, and at one just begun.
+
+    In turn, so that whatever else the machine does falls on both. The fresh one has a copy of the other's data.
+    """
+    copy = folder / "copy"
+    copy.mkdir()
+    with closing(sqlite3.connect(aged.data_folder / DATABASE_FILE)) as source:
+        (copy / "data").mkdir()
+        with closing(sqlite3.connect(copy / "data" / DATABASE_FILE)) as target:
+            source.backup(target)
+    shutil.copytree(folder / "site", copy / "site")
+    with console_again(copy, aged) as fresh:
+        joined = [(joining(aged), joining(fresh)) for _ in range(COMPARED_COUNT)]
+    lines = [
+        "| beside a console that has just begun, with the same data | aged | fresh | ratio |",
+        "| --- | --- | --- | --- |",
+    ]
+    for name in joined[0][0]:
+        old, new = (float(np.median([each[which][name] for each in joined])) for which in (0, 1))
+        lines.append(f"| {name} | {old:.4g} | {new:.4g} | {old / new:.2f} |")
+    return lines
 
 
 def kept(console: RunningConsole) -> dict[str, float]:
@@ -190,7 +221,7 @@ def _walking(
 
 
 # ---------------------------------------------------------------------------------------------------- the console
-def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> Readings:
+def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> tuple[Readings, list[str]]:
     """Let so many hours of a walker's messages come in as fast as they are taken, while people watch and work."""
     at_h: list[float] = []
     readings: list[Reading] = []
@@ -233,14 +264,16 @@ def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> Readings:
             return told
 
         told = asyncio.run(all_of_it())
+        compared = beside_a_fresh_one(running, folder)
         stored = running.stored_sequences(_DEVICE)
         incidents = len(list((running.data_folder / "incidents").iterdir()))
     lost = len(set(range(1, told.events_count + 1)) - set(stored))
     print(
         f"console: {round(at_h[-1] * 3600 * STATES_HZ):,} states over {told.links_count:,} links, {told.events_count:,}"
-        f" events ({lost} not stored), {incidents} incidents; {people.refused_count} of people's requests refused"
+        f" events ({lost} not stored), {incidents} incidents"
     )
-    return at_h, readings
+    print(f"of what people asked for, was refused: {dict(people.refused) or 'nothing'}")
+    return (at_h, readings), compared
 
 
 # ----------------------------------------------------------------------------------------------------- the viewer

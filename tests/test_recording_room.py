@@ -9,6 +9,7 @@ import msgspec
 import pytest
 from test_recorder import Times, recorded_rig, run
 
+from device_agent.doctor.machine import check_recordings
 from device_agent.map_walk.walk_folder import STATE_FILE, Stage, WalkState, read_state, write_state
 from device_agent.recording import room
 from device_agent.recording.options import RecordingOptions
@@ -105,6 +106,17 @@ def test_where_nothing_may_go_recording_ends_and_says_so_as_before(walks: Path) 
     assert [text for text in rig.events("mode") if "not recorded any more" in text]
     assert kept.exists()
     assert parts_in(walks) == []
+
+
+@pytest.mark.parametrize(("free", "sent", "status"), [(5000, False, "ok"), (500, True, "ok"), (500, False, "warning")])
+def test_the_doctor_says_what_goes_next(walks: Path, free: int, sent: bool, status: str) -> None:
+    path = old_walk(walks, 1)
+    if sent:
+        (walks / SENT_FILE).write_bytes(msgspec.json.encode({path.name: Settled()}))
+    finding = check_recordings(options_of(walks, 1200), lambda folder: free)
+    assert finding.status.value == status
+    assert ("--share-walks" in finding.advice) == (status == "warning")
+    assert check_recordings(None).status.value == "ok"
 
 
 def test_a_map_walk_whose_removal_was_cut_off_is_removed_the_next_time(

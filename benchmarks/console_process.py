@@ -55,6 +55,11 @@ class RunningConsole:
         return self.process.pid
 
     @property
+    def data_folder(self) -> Path:
+        """Where it keeps what it keeps."""
+        return self.folder / _DATA
+
+    @property
     def cookie(self) -> str:
         """What a browser of that admin sends."""
         return f"vbr_session_{self.url.rsplit(':', 1)[1]}={self.session}"
@@ -75,7 +80,7 @@ class RunningConsole:
 
     def stored_sequences(self, device_id: str) -> list[int]:
         """The numbers of a device's stored events, in the order in which they were stored."""
-        base = sqlite3.connect(self.folder / _DATA / DATABASE_FILE)
+        base = sqlite3.connect(self.data_folder / DATABASE_FILE)
         rows = base.execute("SELECT sequence FROM device_events WHERE device_id = ? ORDER BY id", (device_id,))
         found = [sequence for (sequence,) in rows]
         base.close()
@@ -85,7 +90,7 @@ class RunningConsole:
 @contextmanager
 def console_process(folder: Path, devices_count: int, profile: Path | None = None) -> Iterator[RunningConsole]:
     """Serve a small site until the block ends, with ``vbr console``; ``profile`` is for ``pstats``, of its loop."""
-    save_site(_corridor(), folder / _SITE)
+    save_site(corridor(), folder / _SITE)
     session, tokens = _let_in(ConsoleConfig(folder / _SITE, folder / _DATA), devices_count)
     process, url = _started(folder, 0, profile)
     console = RunningConsole(folder, process, url, session, tokens)
@@ -94,6 +99,17 @@ def console_process(folder: Path, devices_count: int, profile: Path | None = Non
     finally:
         console.process.send_signal(signal.SIGTERM)
         console.process.wait(30.0)
+
+
+@contextmanager
+def console_again(folder: Path, known: RunningConsole) -> Iterator[RunningConsole]:
+    """Serve, until the block ends, a folder with a copy of what ``known`` serves: the same people are signed in."""
+    process, url = _started(folder, 0)
+    try:
+        yield RunningConsole(folder, process, url, known.session, known.tokens)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.wait(30.0)
 
 
 def _started(folder: Path, port: int, profile: Path | None = None) -> tuple[subprocess.Popen[bytes], str]:
@@ -136,7 +152,8 @@ def _ready(path: Path, process: subprocess.Popen[bytes]) -> dict[str, str]:
     return found
 
 
-def _corridor() -> Site:
+def corridor() -> Site:
+    """Return a small site: one road, two places, a cloud of 20,000 points."""
     rng = np.random.default_rng(3)
     road_m = np.stack([np.linspace(0.0, 30.0, 301), np.zeros(301), np.full(301, 1.6)], axis=1)
     graph = PoiGraph(

@@ -10,7 +10,7 @@ import itertools
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import replace
 from typing import Protocol
 
@@ -61,6 +61,8 @@ from navcore.wire_row import Direction
 _log = logging.getLogger(__name__)
 _WAIT_S = 5.0
 """So long whoever has asked too often is told to wait."""
+FORGOTTEN_AFTER_S = 86_400.0
+"""A device that has been away for so long is known no more than after a restart of the console."""
 Listener = Callable[[LiveDevice], None]
 
 
@@ -96,13 +98,14 @@ class DeviceHub:
         self._ahead: set[str] = set()
         """Devices whose stamps are ahead of their clock as it was compared; the log tells of it once."""
         self._listeners: list[Listener] = []
+        self._forgetting: list[Callable[[str], None]] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
         """Called with device and command before it is sent, whoever asks: the audit log."""
 
     # ------------------------------------------------------------------------------------------------ reading
     def devices(self) -> tuple[LiveDevice, ...]:
-        """Every device that has connected since the console started, by name."""
+        """Every device that has connected since the console started, and not been away for a day since, by name."""
         with self._lock:
             return tuple(sorted(self._devices.values(), key=lambda device: (device.name, device.device_id)))
 
@@ -128,6 +131,10 @@ class DeviceHub:
                     self._listeners.remove(listener)
 
         return unsubscribe
+
+    def subscribe_forgotten(self, listener: Callable[[str], None]) -> None:
+        """Call ``listener`` with each device that is forgotten, so that nobody keeps anything of it."""
+        self._forgetting.append(listener)
 
     # --------------------------------------------------------------------------------------------------- link
     def connect(self, hello: Hello, name: str, outlet: Outlet, events: tuple[Event, ...] = ()) -> LiveDevice:
@@ -171,6 +178,26 @@ class DeviceHub:
             )
             self._colours.pop(device_id, None)
             self._put(replace(device, connected=False, commands=commands, colour_stamp_s=None))
+
+    def forget_away(self, but_for: Collection[str] = ()) -> tuple[str, ...]:
+        """Forget the devices that have been away for a day, but for some; return them."""
+        with self._lock:
+            oldest_s = self.now_s() - FORGOTTEN_AFTER_S
+            gone = tuple(
+                key
+                for key, device in self._devices.items()
+                if key not in self._outlets
+                and key not in but_for
+                and max(device.connected_at_s, device.state_arrival_s or 0.0) < oldest_s
+            )
+            for device_id in gone:
+                del self._devices[device_id]
+                self._clocks.pop(device_id, None)
+                self._ahead.discard(device_id)
+        for device_id in gone:
+            for listener in self._forgetting:
+                listener(device_id)
+        return gone
 
     def receive(self, device_id: str, message: DeviceMessage) -> None:
         """Take in one message of a connected device."""
@@ -244,7 +271,9 @@ class DeviceHub:
         kept = {event.sequence for event in stored}
         newest = max(kept, default=0)
         with self._lock:
-            device = self._devices[device_id]
+            device = self._devices.get(device_id)
+            if device is None:
+                return
             events = tuple(each for each in device.events if each.sequence in kept or each.sequence > newest)
             self._put(replace(device, events=events))
 

@@ -89,6 +89,11 @@ class LivePictures:
         self._pictures[key] = picture
         return picture
 
+    def forget(self, device_id: str) -> None:
+        """Keep nothing any more of a device that the hub has forgotten."""
+        for is_watched in (True, False):
+            self._pictures.pop((device_id, is_watched), None)
+
     def _alerts_part(self, known: Part | None, alerts: tuple[Alert, ...], device_id: str, now_s: float) -> Part:
         if known is not None and known.is_of(alerts, 0.0):
             return known

@@ -43,6 +43,7 @@ Scope = Literal["all", "one", "none"]
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the route."""
     pictures = LivePictures(services.alerts)
+    services.hub.subscribe_forgotten(pictures.forget)
 
     @app.websocket("/live")
     async def live(

@@ -22,6 +22,7 @@ import os
 import re
 import shutil
 import threading
+import weakref
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -104,7 +105,7 @@ class Recordings:
         """``folder`` is made when it is needed; ``free_bytes`` tells the room on its disk."""
         self.folder = folder
         self._wall_s, self._free_bytes = wall_s, free_bytes
-        self._locks: dict[str, threading.Lock] = {}
+        self._locks: weakref.WeakValueDictionary[str, threading.Lock] = weakref.WeakValueDictionary()
         self._beginning = threading.Lock()
 
     # ------------------------------------------------------------------------------------------------ reading
@@ -294,7 +295,7 @@ class Recordings:
 
     # ------------------------------------------------------------------------------------------------ internals
     def _lock_of(self, sha256: str) -> threading.Lock:
-        """Return what is held while this recording is changed; those of a console are few."""
+        """Return what is held while this recording is changed; it is there while somebody holds it, or waits."""
         return self._locks.setdefault(sha256, threading.Lock())
 
     def _description(self, sha256: str) -> Path:

@@ -158,8 +158,14 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     walks = PastWalks(recordings)
     walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
 
+    def forget_away() -> None:
+        hub.forget_away(but_for=alerts.concerned_ids())
+
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
+    alerts = Alerts(hub, alert_store, incidents)
+    hub.subscribe_forgotten(alerts.forget_device)
+    hub.subscribe_forgotten(incidents.forget_device)
     incident_timelines = IncidentTimelines(incidents)
 
     kept_of_walkers: dict[str, DeleteBefore] = {
@@ -205,7 +211,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         sounds=Sounds(),
         surveys=surveys,
         checks=checks,
-        alerts=Alerts(hub, alert_store, incidents),
+        alerts=alerts,
         alert_store=alert_store,
         incidents=incidents,
         incident_timelines=incident_timelines,
@@ -216,6 +222,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
             Repeating("retention", EVERY_S, retention.run),
             Repeating("watching", LOOK_EVERY_S, look_who_watches),
             Repeating("signed in", LOOK_WHO_IS_SIGNED_IN_EVERY_S, look_who_is_signed_in),
+            Repeating("away devices", EVERY_S, forget_away),
         ),
     )
 

@@ -172,6 +172,7 @@ class Watching:
                         if watch.entry is not None:
                             self._ended.append((watch.entry, device_id))
                 self._devices.set_watchers(device_id, tuple(watches)[:MAX_NAMES_COUNT])
+            self._watches = {device_id: watches for device_id, watches in self._watches.items() if watches}
             counted = frozenset((each, who) for each, watches in self._watches.items() for who in watches)
             with self._lock:
                 self._counted = counted

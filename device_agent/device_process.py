@@ -260,7 +260,7 @@ def _tap(options: DeviceOptions, uplink: Uplink, stack: ExitStack) -> Tap:
         return Tap()
     from device_agent.recording.recorder import WalkRecorder
 
-    recorder = WalkRecorder(options.record)
+    recorder = WalkRecorder(replace(options.record, map_walks=options.map_walks))
     if isinstance(uplink, ConsoleLink):
         recorder.files.on_finished = uplink.recording_waits
         uplink.open_walk = lambda: recorder.files.path

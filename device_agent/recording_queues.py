@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -11,18 +10,14 @@ from typing import Protocol
 import msgspec
 
 from device_agent.map_walk.walk_folder import STATE_FILE, handed_over, read_state, write_state
+from device_agent.recording.settled import Settled, settled_in, write_settled
 from device_agent.recording.walk_files import parts_in
 from device_agent.state import MapWalkTold, Phrase
 from navcore.cues.table import CueKind
 from navcore.errors import InputError
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import RecordingKind
-from navcore.site_files import write_whole
 from navcore.walk_file import WalkFile
-
-SENT_FILE = "sent.json"
-"""In the folder of the recorded walks: which of them the console has, or will not have."""
-_log = logging.getLogger(__name__)
 
 
 class RecordingQueue(Protocol):
@@ -86,13 +81,6 @@ class MapWalkQueue:
         return MapWalkTold(CueKind.MAP_NEWS, (Phrase(told),))
 
 
-class _Settled(msgspec.Struct, frozen=True):
-    """What became of a file."""
-
-    failure: str = ""
-    """Why it was not sent; empty where it was."""
-
-
 class WalkQueue:
     """The files of recorded walks. Sending one deletes nothing: they go when the recorder makes room, or by age."""
 
@@ -123,7 +111,7 @@ class WalkQueue:
         except InputError:
             # Nothing was recorded yet.
             return ()
-        settled = self._settled()
+        settled = settled_in(self._folder)
         # Asked after the files were listed: none of them is begun later. Their names tell nothing of it, for a device
         # without a clock of its own begins in 1970 until the network tells it the time.
         open_name = None if (path := self._open_file()) is None else path.name
@@ -139,23 +127,12 @@ class WalkQueue:
         return time.strftime("%Y-%m-%d", time.gmtime(WalkFile(recording).part.began_at_s))
 
     def settle(self, recording: Path, failure: str) -> MapWalkTold | None:
-        """Keep it in :data:`SENT_FILE`; the walker is not disturbed by it."""
+        """Keep it in ``sent.json``; the walker is not disturbed by it."""
         here = {path.name for path in parts_in(self._folder)}
-        settled = {name: what for name, what in self._settled().items() if name in here}
-        settled[recording.name] = _Settled(failure)
-        write_whole(self._folder / SENT_FILE, msgspec.json.encode(settled))
+        settled = {name: what for name, what in settled_in(self._folder).items() if name in here}
+        settled[recording.name] = Settled(failure)
+        write_settled(self._folder, settled)
         return None
-
-    def _settled(self) -> dict[str, _Settled]:
-        path = self._folder / SENT_FILE
-        try:
-            return msgspec.json.decode(path.read_bytes(), type=dict[str, _Settled])
-        except FileNotFoundError:
-            return {}
-        except (OSError, ValueError, RecursionError, msgspec.MsgspecError) as error:
-            # Everything is offered again; the console says at once what it has already.
-            _log.warning("%s is passed over, for it cannot be read: %s", path, error)
-            return {}
 
 
 def _is_walk(path: Path) -> bool:

@@ -96,6 +96,8 @@ class RecordingUploads:
             # It is offered again at the next start; the console knows that it has it.
             _log.warning("what has become of %s cannot be kept: %s", recording.name, error)
             return True
+        self._checksums.pop(recording, None)
+        self._failures.pop(recording, None)
         if told is not None:
             self._tell(told)
         return True

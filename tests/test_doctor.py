@@ -38,7 +38,7 @@ from navcore.types import Frame
 FLOOR = FloorCalibration(1.0, EYE_HEIGHT_M, 0.0, math.radians(15.0), 0.0, 0.0, 0.0, 30)
 NAMES = (
     "camera", "fisheye", "sonar", "buttons", "display", "audio",
-    "calibration", "map", "disk", "clock", "link", "system",
+    "calibration", "map", "disk", "recordings", "clock", "link", "system",
 )  # fmt: skip
 
 

@@ -31,7 +31,8 @@ from device_agent.map_walk.walk_folder import (
     write_checksums,
     write_state,
 )
-from device_agent.recording_queues import SENT_FILE, WalkQueue
+from device_agent.recording.settled import SENT_FILE
+from device_agent.recording_queues import WalkQueue
 from device_agent.recording_upload import InterruptedUploadError, send_recording
 from device_agent.recording_uploads import RecordingUploads
 from device_agent.state import MapWalkTold

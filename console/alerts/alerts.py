@@ -204,6 +204,21 @@ class Alerts:
             if watch is not None:
                 self._off_watch(device_id, watch)
 
+    def concerned_ids(self) -> frozenset[str]:
+        """Return the devices of which there are alerts that are not done with, or that are missed."""
+        with self._lock:
+            missed = {key for key, watch in self._watches.items() if watch.was_led or watch.broke_off}
+            return frozenset(missed | {key[0] for key, life in self._lives.items() if life.is_open})
+
+    def forget_device(self, device_id: str) -> None:
+        """Keep nothing any more of a device that the hub has forgotten."""
+        with self._lock:
+            self._watches.pop(device_id, None)
+            self._kept_led.pop(device_id, None)
+            for kind in self.rules:
+                self._lives.pop((device_id, kind), None)
+                self._records.pop((device_id, kind), None)
+
     # ------------------------------------------------------------------------------------------------ the timers
     def start(self) -> None:
         """Look for alerts from now on, and write them down, in threads of their own."""

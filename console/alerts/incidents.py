@@ -122,6 +122,10 @@ class Incidents:
         offset_s = self._hub.device(device_id).clock_offset_s
         self._rings.setdefault(device_id, MessageRing()).add(kind, WireRecord(self._hub.now_s(), offset_s, data))
 
+    def forget_device(self, device_id: str) -> None:
+        """Hold nothing any more of what a device sent; incidents stay."""
+        self._rings.pop(device_id, None)
+
     def keep(self, device_id: str, cause: Cause) -> str:
         """Keep what was heard of a device before now, and what will be; return the incident's id.
 
@@ -139,6 +143,8 @@ class Incidents:
     def write(self) -> None:
         """Write what has come since the last call, and end what is complete; to be called several times a second."""
         with self._lock:
+            for ring in tuple(self._rings.values()):
+                ring.let_pass(self._hub.now_s())
             for device_id, running in tuple(self._keeping.items()):
                 try:
                     self._write(running)

@@ -73,6 +73,12 @@ class MessageRing:
                     before[kind] = record
             return [*_by_arrival(before.values()), *after], self._next
 
+    def let_pass(self, now_s: float) -> None:
+        """Forget what is older than what is held: a device that sends nothing any more holds no memory."""
+        with self._lock:
+            while self._records and now_s - self._records[0][2].arrival_s > self._kept_s:
+                self._forget_oldest()
+
     @property
     def size_bytes(self) -> int:
         """How much it holds."""

@@ -115,6 +115,9 @@ class Scene:
     def tick(self) -> None:
         """Bring every window in line with model and hub. Called in the scene's loop."""
         devices = {device.device_id: device for device in self._services.hub.devices()}
+        for device_id in self._trails.keys() - devices.keys():
+            del self._trails[device_id]
+            self._silhouettes.pop(device_id, None)
         for device in devices.values():
             if device.state is not None:
                 self._trails.setdefault(device.device_id, Trail()).add(device.state)

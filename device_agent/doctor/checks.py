@@ -19,6 +19,7 @@ from device_agent.device_store import DeviceStore
 from device_agent.doctor import machine, sensing
 from device_agent.doctor.findings import Check, Finding, failed
 from device_agent.ports import Clock, CueOutput, DepthCamera, DisplayOutput, Sonar, WideCamera
+from device_agent.recording.options import RecordingOptions
 from device_agent.sensors import (
     open_buttons,
     open_depth_camera,
@@ -113,6 +114,12 @@ def checks_of(patient: Patient) -> list[Check]:
             lambda: machine.check_disk(options.state),
         ),
         Check(
+            "recordings",
+            "Looks at the recordings, where they are made; warns where the disk gets full and what goes next is what"
+            " the console does not have.",
+            lambda: machine.check_recordings(_recorded(options)),
+        ),
+        Check(
             "clock",
             "Fails where the time of day is earlier than one that this device has noted; warns where it is not"
             " synchronised, or leapt while the other checks ran.",
@@ -171,6 +178,10 @@ def _real(
 ) -> tuple[Callable[[], DepthCamera], Callable[[], Sonar] | None]:
     sonar = None if options.sonar is None else lambda: open_sonar(options, clock)
     return lambda: open_depth_camera(options, settings, clock), sonar
+
+
+def _recorded(options: DeviceOptions) -> RecordingOptions | None:
+    return None if options.record is None else replace(options.record, map_walks=options.map_walks)
 
 
 def _fisheye(options: DeviceOptions, clock: Clock) -> Callable[[], WideCamera] | None:

@@ -15,10 +15,14 @@ from pathlib import Path
 from device_agent.adapters.linux_host import THERMAL, hottest_c
 from device_agent.device_store import DeviceStore
 from device_agent.doctor.findings import Finding, as_finding, failed, ok, warning
+from device_agent.recording.options import RecordingOptions
+from device_agent.recording.room import map_walks_that_may_go, walks_that_may_go
+from device_agent.recording.walk_files import parts_in
 from device_agent.state_health import damages, largest_folders, refuse_unwritable
 from navcore.site import load_site
 
-_LOW_BYTES, _FULL_BYTES = 1 << 30, 100 << 20
+_GIB = 1 << 30
+_LOW_BYTES, _FULL_BYTES = _GIB, 100 << 20
 _LOW_MEMORY_BYTES, _NO_MEMORY_BYTES = 500 << 20, 150 << 20
 _HOT_C, _TOO_HOT_C = 75.0, 90.0
 _LEAP_S = 1.0
@@ -54,6 +58,34 @@ def check_disk(folder: Path, free_bytes: Callable[[Path], int] = lambda path: sh
     for damage in damages(DeviceStore(folder, Path())):
         return as_finding(warning, damage)
     return ok(found)
+
+
+def check_recordings(
+    options: RecordingOptions | None,
+    free_bytes: Callable[[Path], int] = lambda path: shutil.disk_usage(path).free,
+) -> Finding:
+    """Look at the recordings that are kept, and at which of them go when the disk gets full."""
+    if options is None:
+        return ok("none are made: no `--record` is given")
+    if not options.folder.is_dir():
+        return ok(f"there are none in {options.folder} yet")
+    walks = walks_that_may_go(options.folder, parts_in(options.folder))
+    kept = [*walks, *map_walks_that_may_go(options.map_walks)]
+    confirmed_bytes, other_bytes = (
+        sum(each.size_bytes for each in kept if each.confirmed is wanted) for wanted in (True, False)
+    )
+    free = free_bytes(options.folder)
+    found = (
+        f"{(confirmed_bytes + other_bytes) / _GIB:.1f} GiB, of which the console has {confirmed_bytes / _GIB:.1f};"
+        f" {free / _GIB:.1f} GiB free, and old ones go below {options.keep_free_bytes / _GIB:.1f}"
+    )
+    if free + confirmed_bytes >= options.keep_free_bytes:
+        return ok(found)
+    advice = "share walks (`--share-walks`), or move them elsewhere: the oldest go, and the console does not have them"
+    return warning(
+        found,
+        advice if other_bytes else f"free the disk: no recording is left to go; {largest_folders(options.folder)}",
+    )
 
 
 class ClockWatch:

@@ -25,11 +25,15 @@ class RecordingOptions:
     max_part_s: float = 600.0
     """… or this age."""
     max_total_bytes: int = 16 * _GIB
-    """All files of recordings in the folder together; the oldest are removed."""
+    """All files of recordings in the folder together; old ones are removed (:mod:`device_agent.recording.room`)."""
     keep_s: float = 7 * _DAY_S
     """Older files are removed: a recording is for finding out what happened, not for good."""
+    keep_free_bytes: int = 3 * _GIB // 2
+    """Where less of the disk is free, old recordings are removed: there is room for a map walk then."""
     reserve_bytes: int = _GIB // 4
-    """So much of the disk is left to the rest of the device."""
+    """So much of the disk is left to the rest of the device: where nothing can be removed, nothing is recorded."""
+    map_walks: Path | None = None
+    """Folder of the map walks; those that the console has go as well when the disk gets full."""
     shared: bool = False
     """Walks are sent to the console, where people may look at them."""
 
@@ -44,6 +48,13 @@ def add_recording_options(parser: argparse._ActionsContainer) -> None:
     )
     parser.add_argument(
         "--record-gb", type=float, default=16.0, metavar="GB", help="keep so much, at most (default: %(default)g)"
+    )
+    parser.add_argument(
+        "--record-free-gb",
+        type=float,
+        default=1.5,
+        metavar="GB",
+        help="remove old recordings where less of the disk is free, what the console has first (default: %(default)g)",
     )
     parser.add_argument(
         "--record-days",
@@ -72,13 +83,15 @@ def recording_options(arguments: argparse.Namespace, device_id: str = "glasses")
         raise InputError(f"{folder} is a file: name a folder for the recordings.")
     if not 0.1 <= arguments.record_gb <= 100_000.0:
         raise InputError(f"--record-gb cannot be {arguments.record_gb:g}: give 0.1 to 100000.")
+    if not 0.0 <= arguments.record_free_gb <= 100_000.0:
+        raise InputError(f"--record-free-gb cannot be {arguments.record_free_gb:g}: give 0 to 100000.")
     if not 0.01 <= arguments.record_days <= 3650.0:
         raise InputError(f"--record-days cannot be {arguments.record_days:g}: give 0.01 to 3650.")
     total_bytes = round(arguments.record_gb * _GIB)
     return RecordingOptions(
         folder, arguments.record_pictures, device_id, min(_GIB // 2, total_bytes // 4),
         max_total_bytes=total_bytes, keep_s=arguments.record_days * _DAY_S,
-        shared=arguments.share_walks,
+        keep_free_bytes=round(arguments.record_free_gb * _GIB), shared=arguments.share_walks,
     )  # fmt: skip
 
 
@@ -88,7 +101,7 @@ def recording_flags(options: RecordingOptions | None) -> list[str]:
         return []
     flags = [
         "--record", str(options.folder), "--record-gb", f"{options.max_total_bytes / _GIB!r}",
-        "--record-days", f"{options.keep_s / _DAY_S!r}",
+        "--record-days", f"{options.keep_s / _DAY_S!r}", "--record-free-gb", f"{options.keep_free_bytes / _GIB!r}",
     ]  # fmt: skip
     also = (("--record-pictures", options.pictures), ("--share-walks", options.shared))
     return flags + [flag for flag, given in also if given]

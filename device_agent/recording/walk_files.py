@@ -2,8 +2,8 @@
 
 A run is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. A
 file ends when it is large or old enough, where cycles are missing, and where a walk begins or ends, so that a walk has
-files of its own; each says of which walk it is. Old files go when all together are too large, or after some days. Only
-files of this kind are ever removed, and never the one that is written.
+files of its own; each says of which walk it is. Old files go when all together are too large, when the disk gets full,
+or after some days (:mod:`device_agent.recording.room`). Only recordings are ever removed, and never what is written.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from typing import BinaryIO
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
+from device_agent.recording.room import Kept, make_room, map_walks_that_may_go, remove, walks_that_may_go
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.errors import InputError
 from navcore.types import CameraIntrinsics, Frame
@@ -121,6 +122,7 @@ class WalkFiles:
         self._part_began_s = self._flushed_s = self._synced_s = 0.0
         self._next_number = 0
         self._retry_s: float | None = None
+        self._room_made_s = -math.inf
         self._waiting: list[Message] = []
         """What is told of a cycle comes before it, and goes into its file."""
         self._sync = DiskSync()
@@ -220,13 +222,22 @@ class WalkFiles:
             self._report(f"Recording goes on, in {path.name}.")
 
     def _finish_for_want_of_room(self) -> None:
-        """Complete the file while there is room for its index."""
-        if self._free_bytes(self._options.folder) < self._options.reserve_bytes:
+        """Make room where the disk gets full; where none can be made, complete the file while its index fits."""
+        is_due = self._monotonic_s() - self._room_made_s >= RETRY_AFTER_S
+        if self._is_full() or (is_due and self._wants_room()):
+            self._make_room()
+        if self._is_full():
             self._finish_part()
             self._check_room()
 
+    def _wants_room(self) -> bool:
+        return self._free_bytes(self._options.folder) < self._options.keep_free_bytes
+
+    def _is_full(self) -> bool:
+        return self._free_bytes(self._options.folder) < self._options.reserve_bytes
+
     def _check_room(self) -> None:
-        if self._free_bytes(self._options.folder) < self._options.reserve_bytes:
+        if self._is_full():
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     def _finish_part(self) -> None:
@@ -278,16 +289,34 @@ class WalkFiles:
         }
 
     def _remove_old(self) -> None:
-        """Make room, so that all files with the next one stay within what is allowed; oldest first."""
-        paths = parts_in(self._options.folder)
-        ages_s = {path: self._wall_s() - path.stat().st_mtime for path in paths}
-        total = sum(path.stat().st_size for path in paths)
-        for path in paths:
-            is_old = ages_s[path] > self._options.keep_s
-            if not is_old and total + self._options.max_part_bytes <= self._options.max_total_bytes:
-                continue
-            total -= path.stat().st_size
-            path.unlink()
+        """Remove what is too old, and make room, so that all files with the next one stay within what is allowed."""
+        options = self._options
+        for each in self._that_may_go():
+            if self._wall_s() - each.written_s > options.keep_s:
+                remove(each)
+        kept = self._that_may_go()
+        most_bytes = options.max_total_bytes - options.max_part_bytes
+        make_room(kept, lambda: sum(each.size_bytes for each in kept if each.path.exists()) <= most_bytes)
+        self._make_room()
+
+    def _that_may_go(self) -> list[Kept]:
+        return walks_that_may_go(
+            self._options.folder, [path for path in parts_in(self._options.folder) if path != self._path]
+        )
+
+    def _make_room(self) -> None:
+        """Remove old recordings until so much of the disk is free as is to be kept free."""
+        self._room_made_s = self._monotonic_s()
+        if not self._wants_room():
+            return
+        options = self._options
+        kept = [*self._that_may_go(), *map_walks_that_may_go(options.map_walks)]
+        gone = make_room(kept, lambda: not self._wants_room())
+        if gone.other_count:
+            self._report(
+                f"The disk gets full: {gone.other_count} files of old walks, which the console does not have, were"
+                f" removed. Free the disk of {options.folder}, or share walks."
+            )
 
 
 def _opening(

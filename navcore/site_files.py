@@ -8,11 +8,13 @@ unpickled, and no header can ask for memory that the file does not fill.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import io
 import json
 import math
 import os
+import re
 import tempfile
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -31,6 +33,8 @@ MANIFEST = "manifest.json"
 MAX_SITE_BYTES = 1 << 30
 """All files of a site together, at most."""
 _ADVICE = "build the map again, or take it from a backup"
+_HALF_WRITTEN = re.compile(r"\..+-[a-z0-9_]{8}")
+"""As :func:`tempfile.mkstemp` names it."""
 
 
 class FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -141,17 +145,33 @@ def array_of(folder: Path, name: str, data: bytearray) -> NDArray[Any]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step: a reader, or a crash, meets the old one or the new one. Raises OSError."""
+    """Replace a file in one step: a reader, or a crash, meets the old one or the new one. Raises OSError.
+
+    What a crash leaves half-written goes with :func:`clear_half_written`.
+    """
     handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
     try:
         with os.fdopen(handle, "wb") as out:
+            # Held by the living: whoever clears up sees that this one is not left behind. Not every disk knows locks.
+            with contextlib.suppress(OSError):
+                fcntl.flock(out, fcntl.LOCK_SH | fcntl.LOCK_NB)
             out.write(data)
             out.flush()
             os.fsync(out.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
     except BaseException:
         # A disk that is full is not to fill with what did not find room.
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+
+
+def clear_half_written(folder: Path) -> None:
+    """Delete what :func:`write_whole` left in a folder where it was killed; what somebody writes just now stays."""
+    for path in folder.iterdir() if folder.is_dir() else ():
+        if _HALF_WRITTEN.fullmatch(path.name) is None:
+            continue
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()

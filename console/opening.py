@@ -40,11 +40,7 @@ def _make_token_file(path: Path) -> None:
     fresh = path.with_name(f".{path.name}.new")
     with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii") as out:
         out.write(new_token() + "\n")
-    try:
-        # Unlike a renaming, this leaves a file alone that somebody has made meanwhile.
-        os.link(fresh, path)
-    finally:
-        fresh.unlink()
+    os.replace(fresh, path)
 
 
 def token_from_file(devices: DeviceStore, path: Path) -> str:

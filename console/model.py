@@ -169,7 +169,8 @@ class SiteModel:
     def apply(self, edit: Edit, who: str, base_version: int | None = None, request: str = "") -> PoiGraph:
         """Make an edit and return the new draft; stored before this returns.
 
-        ``request`` is the key of the request: what it made already is not made again. ``base_version`` is the version that ``who`` saw when they decided on it; None is the one that is there now.
+        ``request`` is the key of the request: what it made already is not made again. ``base_version`` is the version
+        that ``who`` saw when they decided on it; None is the one that is there now.
         An edit that changes nothing makes no version. Raises InputError, PlanningError, or, where somebody else has
         changed the same thing since, EditConflictError with both; then nothing is changed.
         """

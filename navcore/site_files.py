@@ -14,7 +14,6 @@ import io
 import json
 import math
 import os
-import re
 import tempfile
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -33,8 +32,8 @@ MANIFEST = "manifest.json"
 MAX_SITE_BYTES = 1 << 30
 """All files of a site together, at most."""
 _ADVICE = "build the map again, or take it from a backup"
-_HALF_WRITTEN = re.compile(r"\..+-[a-z0-9_]{8}")
-"""As :func:`tempfile.mkstemp` names it."""
+_HALF_WRITTEN = ".half"
+"""Ending of what is being written."""
 
 
 class FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -149,7 +148,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
     What a crash leaves half-written goes with :func:`clear_half_written`.
     """
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    handle, name = tempfile.mkstemp(_HALF_WRITTEN, f".{path.name}-", path.parent)
     try:
         with os.fdopen(handle, "wb") as out:
             # Held by the living: whoever clears up sees that this one is not left behind. Not every disk knows locks.
@@ -169,9 +168,7 @@ def write_whole(path: Path, data: bytes) -> None:
 
 def clear_half_written(folder: Path) -> None:
     """Delete what :func:`write_whole` left in a folder where it was killed; what somebody writes just now stays."""
-    for path in folder.iterdir() if folder.is_dir() else ():
-        if _HALF_WRITTEN.fullmatch(path.name) is None:
-            continue
+    for path in folder.glob(f".*{_HALF_WRITTEN}"):
         with contextlib.suppress(OSError), path.open("rb") as file:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             path.unlink()

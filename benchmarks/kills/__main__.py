@@ -8,7 +8,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.kills import console
+from benchmarks.kills.console import KilledConsole
+from benchmarks.kills.device import KilledDevice
 from benchmarks.kills.nursery import Nursery
 
 KILLS_PER_FOLDER = 25
@@ -20,16 +21,18 @@ def main() -> None:
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--first-seed", type=int, default=0)
     parser.add_argument("--folder", type=Path, default=Path("/dev/shm"), help="a disk that is quick")
+    parser.add_argument("--what", choices=("console", "device"), default="console")
     arguments = parser.parse_args()
+    kind = KilledConsole if arguments.what == "console" else KilledDevice
     began_s = time.monotonic()
     done = requests = seed = 0
     while done < arguments.kills:
         folder = Path(tempfile.mkdtemp(prefix="vbr-kills-", dir=arguments.folder))
-        nursery = Nursery("benchmarks.kills.console", folder / "log")
+        nursery = Nursery(f"benchmarks.kills.{arguments.what}", folder / "log")
         killed = None
         try:
             (folder / "all").mkdir()
-            killed = console.KilledConsole(folder / "all", arguments.first_seed + seed, nursery)
+            killed = kind(folder / "all", arguments.first_seed + seed, nursery)
             for _ in range(min(KILLS_PER_FOLDER, arguments.kills - done)):
                 killed.kill_once()
                 done += 1

@@ -23,6 +23,16 @@ WAIT_S = 60.0
 _NOBODY = "nobody"
 
 
+class BrokenPromiseError(AssertionError):
+    """Something that must hold after a kill does not."""
+
+
+def must(holds: object, sentence: str, *values: object) -> None:
+    """Raise BrokenPromiseError where something does not hold."""
+    if not holds:
+        raise BrokenPromiseError(f"{sentence} {' | '.join(map(repr, values))}")
+
+
 class Nursery:
     """Where victims come from, one at a time. ``log`` takes what they complain of."""
 

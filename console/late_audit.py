@@ -1,7 +1,7 @@
 """Orders to devices in the audit log: they go out at once, also where the disk takes nothing just then.
 
-Whoever pauses a walker must not wait for a disk that is full. What could not be written is kept in memory and written as
-soon as it can be; a console that ends before that has told its log.
+Whoever pauses a walker must not wait for a disk that is full. What could not be written is kept in memory and written
+as soon as it can be; a console that ends before that has told its log.
 """
 
 from __future__ import annotations

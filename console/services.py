@@ -99,6 +99,8 @@ class Services:
     """Who has watched, and who has looked at what is kept: ``note`` is called wherever that is shown."""
     watching: Watching
     """Who watches which walker now."""
+    late_audit: LateAudit
+    """Orders to devices, written down as soon as the disk takes them."""
     retention: Retention
     """Deletes what is too old."""
     timers: tuple[Repeating, ...]
@@ -200,6 +202,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         incident_timelines=incident_timelines,
         access=access,
         watching=watching,
+        late_audit=late_audit,
         retention=retention,
         timers=(Repeating("retention", EVERY_S, retention.run), Repeating("watching", LOOK_EVERY_S, look_who_watches)),
     )

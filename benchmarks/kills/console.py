@@ -562,6 +562,10 @@ class KilledConsole:
         self.kill_count += 1
         with closing(sqlite3.connect(self.data / DATABASE_FILE)) as base:
             must(base.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "the database is damaged")
+        self.start_and_check()
+
+    def start_and_check(self) -> None:
+        """Start it again, and look whether everything is there."""
         self._start()
         self._check_all()
 

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import json
 import os
@@ -14,13 +15,14 @@ import signal
 import subprocess
 import sys
 import threading
+import traceback
 from collections import deque
 from pathlib import Path
 from typing import IO
 
 ROOT = Path(__file__).resolve().parents[2]
 WAIT_S = 60.0
-_NOBODY = "nobody"
+_NOBODY, _DEAD = "nobody", "dead"
 
 
 class BrokenPromiseError(AssertionError):
@@ -42,7 +44,7 @@ class Nursery:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.kills.nursery", module],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, text=True, cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")]), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
         )  # fmt: skip
         self._changed = threading.Condition()
         self._said: deque[str] = deque()
@@ -65,15 +67,20 @@ class Nursery:
         self._process.stdin.write(json.dumps({"role": role, "arguments": [str(each) for each in arguments]}) + "\n")
         self._process.stdin.flush()
         earlier = []
-        while not (line := self.says()).startswith("born "):
+        while not (line := self._next()).startswith("born "):
             earlier.append(line)
         return int(line.split()[1]), earlier
 
     def says(self) -> str:
         """Return the next line that a victim says."""
+        line = self._next()
+        must(line != _DEAD, "the victim ended by itself: see the log")
+        return line
+
+    def _next(self) -> str:
         with self._changed:
             if not self._changed.wait_for(lambda: self._said or self._ended, WAIT_S) or not self._said:
-                raise AssertionError("the victim ended by itself, or said nothing: see the log")
+                raise AssertionError("nothing is said: see the log")
             return self._said.popleft()
 
     def close(self) -> None:
@@ -108,7 +115,8 @@ class Victim:
 
     def kill(self) -> list[str]:
         """Kill it as ``kill -9`` does; return what it had said that nobody has taken."""
-        signal.pidfd_send_signal(self._handle, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            signal.pidfd_send_signal(self._handle, signal.SIGKILL)
         self.wait()
         return self._nursery.said_by_the_dead()
 
@@ -140,7 +148,11 @@ def _raise_children(orders: IO[str], module: str) -> None:
             signal.signal(signal.SIGCHLD, signal.SIG_DFL)
             os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
             say(f"born {os.getpid()}")
-            roles[order["role"]](*order["arguments"])
+            try:
+                roles[order["role"]](*order["arguments"])
+            except BaseException:
+                traceback.print_exc()
+            say(_DEAD)
             os._exit(0)
 
 

@@ -16,15 +16,14 @@ _FILE = "reserve"
 def put_by(folder: Path) -> None:
     """Take the room where it is not taken yet; where there is none, nothing is put by."""
     path = folder / _FILE
-    with contextlib.suppress(OSError):
-        with path.open("ab") as out:
-            if os.fstat(out.fileno()).st_blocks * 512 >= RESERVE_BYTES:
-                return
-            try:
-                os.posix_fallocate(out.fileno(), 0, RESERVE_BYTES)
-            except OSError:
-                # Half of it would help nobody.
-                path.unlink()
+    with contextlib.suppress(OSError), path.open("ab") as out:
+        if os.fstat(out.fileno()).st_blocks * 512 >= RESERVE_BYTES:
+            return
+        try:
+            os.posix_fallocate(out.fileno(), 0, RESERVE_BYTES)
+        except OSError:
+            # Half of it would help nobody.
+            path.unlink()
 
 
 def release(folder: Path) -> bool:

@@ -10,7 +10,6 @@ from test_device_agent import Rig
 from test_recorder import Times, recorded_rig, run
 
 from benchmarks.kills.nursery import say
-
 from device_agent.adapters.clocks import SystemClock
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.recorder import WalkRecorder

@@ -44,7 +44,7 @@ class Nursery:
         self._process = subprocess.Popen(
             [sys.executable, "-m", "benchmarks.kills.nursery", module],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, text=True, cwd=ROOT,
-            env={**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "tests")]), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"},
+            env={**os.environ, "PYTHONPATH": f"{ROOT}{os.pathsep}{ROOT / 'tests'}", "OPENBLAS_NUM_THREADS": "1"},
         )  # fmt: skip
         self._changed = threading.Condition()
         self._said: deque[str] = deque()

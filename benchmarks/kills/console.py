@@ -128,9 +128,10 @@ class Client:
         answer = self.pending.send()
         # Asked again, it is done once: now, or before.
         must(answer.status_code < 500, "asked again:", self.pending.words, answer.status_code, answer.text)
-        if not was_done and answer.status_code >= 400:
-            # It would have been refused in the first place, too.
-            after = self.acknowledged
+        if not was_done:
+            # What is refused now would have been refused in the first place, too; and some changes change nothing.
+            refused = answer.status_code >= 400
+            after = self.acknowledged if refused else self.pending.applied(self.acknowledged)
         seen = self.see()
         must(seen == after, f"{type(self).__name__}: done twice, or lost ({self.pending.words}):", seen, after)
         self.acknowledged, self.pending = after, None

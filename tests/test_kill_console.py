@@ -22,6 +22,7 @@ from console.alerts.rules import Priority
 from console.edits import AddPoi
 from console.opening import token_from_file
 from console.server import ConsoleServer
+from navcore.folder_swap import fresh_folder
 from navcore.site_files import clear_half_written, write_whole
 
 pytestmark = pytest.mark.slow
@@ -138,6 +139,15 @@ def test_what_is_half_written_goes_and_what_is_being_written_stays(tmp_path: Pat
     writer.join()
     assert failures == []
     assert sorted(path.name for path in tmp_path.iterdir()) == [".kept-previous", ".site-previous", "walk.json"]
+
+
+def test_a_folder_that_a_crash_left_half_filled_goes_and_one_that_is_being_filled_stays(tmp_path: Path) -> None:
+    (tmp_path / ".site-fresh-abcdefgh").mkdir()
+    (tmp_path / ".site-previous").mkdir()
+    with fresh_folder(tmp_path / "site") as first, fresh_folder(tmp_path / "site") as second:
+        left = {path.name for path in tmp_path.iterdir()}
+        assert left == {".site-previous", first.name, second.name}
+    assert [path.name for path in tmp_path.iterdir()] == [".site-previous"]
 
 
 def test_a_token_file_that_was_begun_is_made_anew(server: ConsoleServer, admin: Person, tmp_path: Path) -> None:

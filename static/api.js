@@ -66,8 +66,22 @@ export function sendFile(path, file, tell) {
 
 export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
-/** The same for what must not be done twice: an edit, an undo. */
-export const postOnce = (path, body) => ask("POST", path, body, { key: newKey() });
+const unheard = new Map();
+
+/** The same for what must not be done twice: an edit, an undo. Whoever asks for it again, for no answer came, asks with the same key. */
+export async function postOnce(path, body) {
+  const request = `${path} ${JSON.stringify(body)}`;
+  const key = unheard.get(request) ?? newKey();
+  unheard.set(request, key);
+  try {
+    const data = await ask("POST", path, body, { key });
+    unheard.delete(request);
+    return data;
+  } catch (error) {
+    if (error.status !== 0) unheard.delete(request);
+    throw error;
+  }
+}
 export const patch = (path, body) => ask("PATCH", path, body);
 
 /** Get what a part of the console answers that may not be there; null where it is not. */

@@ -57,6 +57,8 @@ LIFE_S = 20.0
 """A console that answers nothing for so long has failed."""
 LONGEST_DELAY_S = 0.03
 _ALERTS_COUNT = 24
+_OLD_SHARE = _KILLED_AGAIN_SHARE = 0.25
+_LONGEST_START_S = 1.0
 _TUNED, _TUNED_RANGE = "planning.replan_hold_s", (0.5, 30.0)
 """A setting that nobody's safety hangs on."""
 _VALUES = {_TUNED: 5.0}
@@ -391,6 +393,7 @@ class Sender:
     def __init__(self, http: httpx.Client, dice: random.Random, folder: Path) -> None:
         self.http, self.dice, self.folder = http, dice, folder
         self.sent: list[_Sending] = []
+        self.too_old: list[_Sending] = []
         self.done_count = 0
 
     def turn(self) -> None:
@@ -409,9 +412,10 @@ class Sender:
 
     def check(self) -> None:
         """Whatever was acknowledged is there; what is whole is the same to the last byte, and has one name."""
+        for each in self.too_old:
+            self._wait_until_deleted(each)
+        self.too_old.clear()
         for each in self.sent:
-            if not any(self.folder.glob(f"*-{each.sha256}.*")) and self.is_deleted(each):
-                continue
             self._offer(each)
         named = list(self.folder.iterdir()) if self.folder.is_dir() else []
         for path in named:
@@ -422,9 +426,23 @@ class Sender:
             must(not each.complete or whole[0].read_bytes() == each.data, "a recording is damaged:", each.name)
             must(not (each.complete and (self.folder / f"{each.sha256}.part").exists()), "a part is left:", each.name)
 
-    def is_deleted(self, each: _Sending) -> bool:
-        """Whether it has become too old, and was deleted: all of it, or it will be."""
-        return False
+    def let_one_grow_old(self) -> None:
+        """While the console is dead: make a whole walk older than anything is kept; its next start deletes it."""
+        walks = [each for each in self.sent if each.kind == "walk" and each.complete]
+        if not walks:
+            return
+        old = self.dice.choice(walks)
+        self.sent.remove(old)
+        self.too_old.append(old)
+        description = self.folder / f"{old.sha256}.json"
+        entry = json.loads(description.read_bytes())
+        description.write_text(json.dumps(entry | {"offered_at_s": entry["offered_at_s"] - 30 * _DAY_S}))
+
+    def _wait_until_deleted(self, each: _Sending) -> None:
+        deadline_s = time.monotonic() + LIFE_S
+        while left := list(self.folder.glob(f"*{each.sha256}*")):
+            must(time.monotonic() < deadline_s, "a walk that is too old stays, or half of it:", left)
+            time.sleep(0.01)
 
     def _offer(self, each: _Sending) -> None:
         body = {"kind": each.kind, "name": each.name, "size_bytes": len(each.data), "sha256": each.sha256}
@@ -548,11 +566,12 @@ class KilledConsole:
         def dice() -> random.Random:
             return random.Random(self.dice.getrandbits(64))
 
+        self._sender = Sender(device, dice(), self.data / "recordings")
         self.clients = (
             Draughtsman(people, dice(), self.site),
             Clerk(people, dice(), self.data / "maps", archive.getvalue()),
             Watchman(people, dice()),
-            Sender(device, dice(), self.data / "recordings"),
+            self._sender,
             Glasses(people, dice(), secret, map_checksum(self.site), self.data),
         )
         self._check_all()
@@ -563,7 +582,18 @@ class KilledConsole:
         self.kill_count += 1
         with closing(sqlite3.connect(self.data / DATABASE_FILE)) as base:
             must(base.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "the database is damaged")
+        if self.dice.random() < _OLD_SHARE:
+            self._sender.let_one_grow_old()
+        if self.dice.random() < _KILLED_AGAIN_SHARE:
+            self._kill_while_it_starts()
         self.start_and_check()
+
+    def _kill_while_it_starts(self) -> None:
+        """Where it clears up, closes what was cut off, and deletes what is too old."""
+        victim = self._nursery.bear("console", self.site, self.data, self._port, self._token_file)
+        time.sleep(self.dice.uniform(0.0, _LONGEST_START_S))
+        victim.kill()
+        self.kill_count += 1
 
     def start_and_check(self) -> None:
         """Start it again, and look whether everything is there."""

@@ -6,12 +6,14 @@ admin invites others by such links, and nobody but the person ever knows the pas
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sqlalchemy import delete, func, select, update
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError, TooManyError
@@ -287,7 +289,8 @@ class Accounts:
         return user
 
     def _note_seen(self, session_id: str, now_s: float) -> None:
-        with self._store.writing() as session:
+        # Whoever watches goes on watching where the disk takes nothing just now.
+        with contextlib.suppress(OperationalError), self._store.writing() as session:
             session.execute(update(SessionRow).where(SessionRow.token_hash == session_id).values(last_seen_at_s=now_s))
 
     def _tell_ended(self, session_ids: list[str]) -> None:

@@ -17,7 +17,7 @@ from console.described import FILE_BODY, NO_ROOM, answers_with
 from console.edit_words import described
 from console.errors import BadRequestError, ConflictError
 from console.graph_delta import GraphDelta, difference
-from console.requests import Visitor, json_response
+from console.requests import RequestKey, Visitor, json_response
 from console.services import Services
 from navcore.foreign_map import shown
 from navcore.graph_import import imported
@@ -50,7 +50,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response(await run_in_threadpool(_import_graph, services, visitor.user_name, data, name, confirm))
 
     @app.post("/api/import/site", status_code=201, responses=NO_ROOM, openapi_extra=FILE_BODY)
-    async def import_site(request: Request, visitor: Visitor) -> Response:
+    async def import_site(request: Request, visitor: Visitor, key: RequestKey = "") -> Response:
         """Take a site's archive in, piece by piece, and make it a site beside the others."""
         length = request.headers.get("content-length", "")
         size_bytes = int(length) if length.isdigit() else MAX_ARCHIVE_BYTES
@@ -58,7 +58,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
             with archive.open("wb") as out:
                 async for piece in _patiently(request.stream()):
                     await run_in_threadpool(out.write, piece)
-            folder, manifest = await run_in_threadpool(services.site_imports.keep, archive)
+            folder, manifest = await run_in_threadpool(services.site_imports.keep, archive, key)
         detail = f"{manifest.name} ({manifest.id[:16]}) to {folder}"
         await run_in_threadpool(services.store.audit, visitor.user_name, "import_site", detail)
         return json_response(

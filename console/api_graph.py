@@ -18,7 +18,7 @@ from console.errors import BadRequestError, NotFoundError
 from console.graph_log import LogEntry
 from console.model import SiteModel
 from console.publishing import publish
-from console.requests import Visitor, json_response
+from console.requests import RequestKey, Visitor, json_response
 from console.roles import EDITING
 from console.services import Services
 from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ViewRequest
@@ -42,20 +42,22 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response({"history": [_entry_view(entry) for entry in model.history(HISTORY_SHOWN_COUNT)]})
 
     @app.post("/api/edits", openapi_extra=json_body(Edit))
-    async def edit(request: Request, visitor: Visitor, base_version: Number | None = None) -> Response:
+    async def edit(
+        request: Request, visitor: Visitor, base_version: Number | None = None, key: RequestKey = ""
+    ) -> Response:
         """Make an edit; ``base_version`` is the version that the person saw."""
         wanted = decode_edit(await request.body())
-        await run_in_threadpool(model.apply, wanted, visitor.user_name, base_version)
+        await run_in_threadpool(model.apply, wanted, visitor.user_name, base_version, key)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/undo")
-    def undo(visitor: Visitor) -> Response:
-        model.undo(visitor.user_name)
+    def undo(visitor: Visitor, key: RequestKey = "") -> Response:
+        model.undo(visitor.user_name, key)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/redo")
-    def redo(visitor: Visitor) -> Response:
-        model.redo(visitor.user_name)
+    def redo(visitor: Visitor, key: RequestKey = "") -> Response:
+        model.redo(visitor.user_name, key)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/publish")

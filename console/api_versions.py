@@ -12,7 +12,7 @@ from console.edit_words import described
 from console.graph_delta import difference
 from console.model import SiteModel
 from console.presence import Present
-from console.requests import Visitor, json_response
+from console.requests import RequestKey, Visitor, json_response
 from console.services import Services
 
 
@@ -38,8 +38,10 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return json_response({"from": version, "to": after.version, "changes": changes})
 
     @app.post("/api/versions/{version}/roll-back")
-    def roll_back(visitor: Visitor, version: Number, body: RollBackBody | None = None) -> Response:
-        model.roll_back(version, visitor.user_name, body.base_version if body is not None else None)
+    def roll_back(
+        visitor: Visitor, version: Number, body: RollBackBody | None = None, key: RequestKey = ""
+    ) -> Response:
+        model.roll_back(version, visitor.user_name, body.base_version if body is not None else None, key)
         return json_response(graph_view(model, visitor.user_name))
 
     @app.post("/api/presence")

@@ -12,6 +12,7 @@ from contextlib import asynccontextmanager
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from fastapi.responses import JSONResponse, Response
+from sqlalchemy.exc import OperationalError
 from starlette.exceptions import HTTPException
 
 from console import (
@@ -40,6 +41,7 @@ from console.described import describe
 from console.errors import BadRequestError, ConsoleError, NotFoundError
 from console.security import Guard, error_response
 from console.services import Services
+from console.storage_trouble import refusal_of
 from navcore.errors import VbrError
 
 _log = logging.getLogger(__name__)
@@ -85,6 +87,8 @@ def app_of(services: Services) -> FastAPI:
     app.state.services = services
     app.add_middleware(Guard, services=services)
     app.add_exception_handler(VbrError, _refused)
+    app.add_exception_handler(OperationalError, _failed)
+    app.add_exception_handler(OSError, _failed)
     app.add_exception_handler(RequestValidationError, _unfit)
     app.add_exception_handler(HTTPException, _http_error)
     for module in _ROUTES:
@@ -96,6 +100,15 @@ def app_of(services: Services) -> FastAPI:
 
 async def _refused(request: Request, error: Exception) -> Response:
     return error_response(error if isinstance(error, ConsoleError) else BadRequestError(str(error)))
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    """The disk or the database takes nothing just now."""
+    refusal = refusal_of(error)
+    if refusal is None:
+        raise error
+    _log.error("%s %s is refused (%s)", request.method, request.url.path, error)
+    return error_response(refusal)
 
 
 async def _unfit(request: Request, error: Exception) -> Response:

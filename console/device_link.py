@@ -14,13 +14,16 @@ import logging
 
 from fastapi import FastAPI, Response, WebSocket, WebSocketDisconnect
 from fastapi.responses import FileResponse
+from sqlalchemy.exc import OperationalError
 from starlette.concurrency import run_in_threadpool
 
 from console.described import answers_with
 from console.errors import ConflictError, TooManyError
+from console.event_intake import EventIntake
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
+from console.storage_trouble import refusal_of
 from console.told_once import ToldOnce
 from navcore.errors import SiteError, VersionError, WireError
 from navcore.jpeg_size import refuse_picture
@@ -53,6 +56,7 @@ FIRST_PINGS_COUNT = 3
 """So many pings go as fast as the table allows: what a device shows is dated by the first answer."""
 EVENTS_SHOWN_COUNT = 50
 UNREADABLE_CODE = 1007
+TRY_AGAIN_CODE = 1013
 REFUSED_CODE = 4403
 REVOKED_CODE = 4401
 
@@ -83,6 +87,9 @@ async def _serve(socket: WebSocket, services: Services, token_name: str, token_i
     except (ConflictError, VersionError) as error:
         await _close(socket, REFUSED_CODE, str(error))
         return
+    except OperationalError as error:
+        await _close(socket, TRY_AGAIN_CODE, str(refusal_of(error)))
+        return
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
         return
@@ -105,11 +112,15 @@ async def _run(
         return
     last = await run_in_threadpool(services.devices.last_sequence, hello.device_id)
     events = await run_in_threadpool(services.devices.latest_events, hello.device_id, EVENTS_SHOWN_COUNT)
+    intake = EventIntake(
+        services.devices, hello.device_id, lambda event: outlet.send(EventConfirmed(event.sequence))
+    )  # fmt: skip
     outlet.send(Welcome(PROTOCOL_VERSION, last))
     hub.connect(hello, token_name, outlet, events)
     tasks = [
         asyncio.create_task(_send_all(socket, outlet)),
-        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet, told)),
+        asyncio.create_task(_receive_all(socket, services, hello.device_id, outlet, intake, told)),
+        asyncio.create_task(intake.store_waiting()),
         asyncio.create_task(_ping(hub, hello.device_id, outlet)),
     ]
     try:
@@ -169,7 +180,7 @@ async def _send_all(socket: WebSocket, outlet: SocketOutlet) -> None:
 
 
 async def _receive_all(
-    socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet, told: ToldOnce
+    socket: WebSocket, services: Services, device_id: str, outlet: SocketOutlet, intake: EventIntake, told: ToldOnce
 ) -> None:
     allowances = Allowances(MESSAGES, Direction.UP, services.hub.now_s())
     try:
@@ -178,7 +189,7 @@ async def _receive_all(
             message = decode_from_device(data)
             if not allowances.take(type(message), services.hub.now_s()):
                 raise WireError(_too_often(message))
-            await _take(services, device_id, message, outlet)
+            await _take(services, device_id, message, outlet, intake)
             services.incidents.heard(device_id, type(message), data)
             # Whoever sends without a pause would otherwise keep all others waiting: what is there is taken at once.
             await asyncio.sleep(0)
@@ -195,25 +206,33 @@ def _too_often(message: DeviceMessage) -> str:
     return f"{row.name} comes more often than {row.rate_hz:g} times a second: update the device."
 
 
-async def _take(services: Services, device_id: str, message: DeviceMessage, outlet: SocketOutlet) -> None:
+async def _take(
+    services: Services, device_id: str, message: DeviceMessage, outlet: SocketOutlet, intake: EventIntake
+) -> None:
     hub = services.hub
     match message:
         case Hello():
             raise WireError("The device said hello twice: use the same version on both sides.")
         case Event():
-            is_new = await run_in_threadpool(services.devices.add_event, device_id, message)
-            outlet.send(EventConfirmed(message.sequence))
-            if not is_new:
+            if not await intake.take(message):
                 return
         case DepthImage(jpeg=jpeg) | ColourImage(jpeg=jpeg):
             refuse_picture(jpeg)
         case SettingsRunning():
-            await run_in_threadpool(services.settings.note_running, device_id, message)
+            await run_in_threadpool(_note_running, services, device_id, message)
         case MapRunning(map_checksum, refusal) if not refusal and map_checksum == services.package.checksum:
             _offer_graph(services, hub.device(device_id).graph_version, outlet)
         case _:
             pass
     hub.receive(device_id, message)
+
+
+def _note_running(services: Services, device_id: str, told: SettingsRunning) -> None:
+    try:
+        services.settings.note_running(device_id, told)
+    except OperationalError as error:
+        # The device says it again at each joining.
+        _log.error("What %s runs is shown, and not written down: %s", device_id, error)
 
 
 async def _ping(hub: DeviceHub, device_id: str, outlet: SocketOutlet) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from sqlalchemy import delete, func, not_, select, update
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session, aliased
 
 from console.errors import BadRequestError, ConflictError, NotFoundError
@@ -114,7 +115,19 @@ class DeviceStore:
             return set(token_ids) - set(session.scalars(select(DeviceTokenRow.token_hash).where(*valid)))
 
     def take_in(self, device_id: str, token_name: str) -> None:
-        """Note that a device has called. Raises ConflictError where it belongs to another token, or has too many."""
+        """Note that a device has called. Raises ConflictError where it belongs to another token, or has too many.
+
+        One that is known is taken in also where the disk takes nothing just now.
+        """
+        try:
+            self._note_called(device_id, token_name)
+        except OperationalError:
+            with self._store.reading() as session:
+                row = session.get(DeviceRow, device_id)
+            if row is None or row.token_name != token_name:
+                raise
+
+    def _note_called(self, device_id: str, token_name: str) -> None:
         with self._store.writing() as session:
             row = session.get(DeviceRow, device_id)
             if row is None:

@@ -11,6 +11,7 @@ VbrError
     ├── ConflictError 409    it was changed meanwhile, or its state does not allow it
     ├── TooLargeError 413    what was sent is larger than what is taken
     ├── TooManyError 429     asked too often
+    ├── UnavailableError 503 the database or the disk cannot be used just now
     └── NoRoomError 507      the disk of the console's machine has no room for it
 """
 
@@ -83,6 +84,12 @@ class TooManyError(ConsoleError):
     def __init__(self, sentence: str, retry_after_s: float) -> None:
         super().__init__(sentence)
         self.retry_after_s = retry_after_s
+
+
+class UnavailableError(ConsoleError):
+    """The database or the disk of the console's machine cannot be used just now."""
+
+    status = 503
 
 
 class NoRoomError(ConsoleError):

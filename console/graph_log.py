@@ -35,6 +35,8 @@ class LogEntry(msgspec.Struct, frozen=True):
     """For undo and redo, the version that the edit in question had made; for a rollback, that which it went back to."""
     why: str = ""
     """For an import: what was imported."""
+    request: str = ""
+    """The key of the request that asked for it, by which the same request is known when it comes again."""
 
 
 class Publication(msgspec.Struct, frozen=True):

@@ -3,6 +3,9 @@
 Whoever edits (a form, a drag in the scene, a shortcut) goes through :meth:`SiteModel.apply`, and whoever shows
 something reads :attr:`SiteModel.graph` and subscribes. An edit that was answered is in the log on disk.
 
+A request may carry a key: asked again with the same one, because nobody heard the answer, it is not done twice. The key
+is stored with the change, so this holds over a console that was killed between the two.
+
 Undo is per author: it takes back one's own latest edit, and refuses (ConflictError) where somebody else has changed
 the same thing since, so that nothing of theirs is lost silently.
 """
@@ -75,6 +78,8 @@ class SiteModel:
         self._recorded = recorded_roads(site.roads_m)
         self._networks: list[tuple[dict[str, Road], RoadNetwork]] = [(self._recorded, network_of(self._recorded))]
         self._changed: dict[Thing, dict[str, LogEntry]] = {}
+        self._requests: set[tuple[str, str]] = set()
+        """Author and key of each request that made a change."""
         self._log = log
         self._folder = folder
         self._now_s = now_s
@@ -161,26 +166,35 @@ class SiteModel:
         """Return the graph that the edit would make, and change nothing. Raises InputError or PlanningError."""
         return evaluate(edit, self._graph, self.network)
 
-    def apply(self, edit: Edit, who: str, base_version: int | None = None) -> PoiGraph:
+    def apply(self, edit: Edit, who: str, base_version: int | None = None, request: str = "") -> PoiGraph:
         """Make an edit and return the new draft; stored before this returns.
 
-        ``base_version`` is the version that ``who`` saw when they decided on it; None is the one that is there now.
+        ``request`` is the key of the request: what it made already is not made again. ``base_version`` is the version
+        that ``who`` saw when they decided on it; None is the one that is there now.
         An edit that changes nothing makes no version. Raises InputError, PlanningError, or, where somebody else has
         changed the same thing since, EditConflictError with both; then nothing is changed.
         """
         for _ in range(_TRIES):
             # An edit of a long road takes seconds, in which nobody else should have to wait.
             before = self._graph
+            if self._was_made(who, request):
+                return before
             after = self._evaluated(edit, who, base_version, before)
             # Whoever looks at the draft next finds its network made.
             self._network_of(after)
             with self._lock:
                 if self._graph is before:
                     self._refuse_conflict(edit, who, base_version, before)
-                    return self._make("edit", who, difference(before, after), edit=edit)
+                    return self._make("edit", who, difference(before, after), edit=edit, request=request)
         with self._lock:
+            if self._was_made(who, request):
+                return self._graph
             after = self._evaluated(edit, who, base_version, self._graph)
-            return self._make("edit", who, difference(self._graph, after), edit=edit)
+            return self._make("edit", who, difference(self._graph, after), edit=edit, request=request)
+
+    def _was_made(self, who: str, request: str) -> bool:
+        """Whether the change that a request with a key asks for was made before."""
+        return request != "" and (who, request) in self._requests
 
     def _evaluated(self, edit: Edit, who: str, base_version: int | None, graph: PoiGraph) -> PoiGraph:
         self._refuse_conflict(edit, who, base_version, graph)
@@ -199,7 +213,7 @@ class SiteModel:
             validate(whole)
             return self._make("import", who, difference(self._graph, whole), why=why)
 
-    def roll_back(self, version: int, who: str, base_version: int | None = None) -> PoiGraph:
+    def roll_back(self, version: int, who: str, base_version: int | None = None, request: str = "") -> PoiGraph:
         """Make the draft what it was in an earlier version, as one change that one undo takes back; return it.
 
         Raises NotFoundError where there is no such version, and ConflictError where the draft is no longer of the
@@ -208,9 +222,11 @@ class SiteModel:
         then = self.graph_at(version)
         self._network_of(then)
         with self._lock:
+            if self._was_made(who, request):
+                return self._graph
             self._refuse_other_draft(base_version)
             delta = difference(self._graph, then)
-            return self._make("rollback", who, delta, target_version=version)
+            return self._make("rollback", who, delta, target_version=version, request=request)
 
     def name_version(self, name: str, who: str) -> VersionName:
         """Give the draft, as it is now, a name to come back to. Raises ConflictError where it is taken."""
@@ -219,13 +235,13 @@ class SiteModel:
             self._log.add_name(named)
             return named
 
-    def undo(self, who: str) -> PoiGraph:
+    def undo(self, who: str, request: str = "") -> PoiGraph:
         """Take back the latest edit of ``who``. Raises ConflictError where there is none, or others built on it."""
-        return self._step("undo", who, self._undo, self._redo, "There is nothing to undo.")
+        return self._step("undo", who, self._undo, self._redo, "There is nothing to undo.", request)
 
-    def redo(self, who: str) -> PoiGraph:
+    def redo(self, who: str, request: str = "") -> PoiGraph:
         """Make again what ``who`` took back last. Raises ConflictError where it cannot be done."""
-        return self._step("redo", who, self._redo, self._undo, "There is nothing to redo.")
+        return self._step("redo", who, self._redo, self._undo, "There is nothing to redo.", request)
 
     def _step(
         self,
@@ -234,15 +250,18 @@ class SiteModel:
         source: dict[str, list[LogEntry]],
         sink: dict[str, list[LogEntry]],
         nothing: str,
+        request: str,
     ) -> PoiGraph:
         self._prepare_network(kind, source.get(who))
         with self._lock:
+            if self._was_made(who, request):
+                return self._graph
             if not source.get(who):
                 raise ConflictError(nothing)
             entry = source[who][-1]
             delta = entry.delta.inverse() if kind == "undo" else entry.delta
             try:
-                self._advance(kind, who, delta, target_version=entry.version)
+                self._advance(kind, who, delta, target_version=entry.version, request=request)
             except ConflictError:
                 # It stays off the stack: the next call reaches what lies below it.
                 source[who].pop()
@@ -281,11 +300,14 @@ class SiteModel:
         edit: Edit | None = None,
         target_version: int | None = None,
         why: str = "",
+        request: str = "",
     ) -> PoiGraph:
         """Make a change that its author can take back."""
         if delta.is_empty:
             return self._graph
-        entry = self._advance(kind, who, delta, edit=edit, target_version=target_version, why=why)
+        entry = self._advance(
+            kind, who, delta, edit=edit, target_version=target_version, why=why, request=request
+        )  # fmt: skip
         _push(self._undo, who, entry)
         self._redo.pop(who, None)
         self._tell(kind, who)
@@ -301,18 +323,21 @@ class SiteModel:
         target_version: int | None = None,
         version: int | None = None,
         why: str = "",
+        request: str = "",
     ) -> LogEntry:
         version = self._graph.version + 1 if version is None else version
         changed = apply_delta(self._graph, delta, version)
         if kind in ("undo", "redo"):
             self._refuse_off_road(changed, delta)
-        entry = LogEntry(version, kind, who, self._now_s(), delta, edit, target_version, why)
+        entry = LogEntry(version, kind, who, self._now_s(), delta, edit, target_version, why, request)
         self._log.append(entry)
         self._take(entry, changed)
         return entry
 
     def _take(self, entry: LogEntry, changed: PoiGraph) -> None:
         self._graph = changed
+        if entry.request:
+            self._requests.add((entry.author, entry.request))
         for thing in changed_by(entry.delta):
             self._changed.setdefault(thing, {})[entry.author] = entry
 

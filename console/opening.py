@@ -15,6 +15,7 @@ from console.services import Services, build_services
 from console.store import Store
 from navcore.errors import InputError
 from navcore.site import load_site, map_checksum
+from navcore.site_files import clear_half_written
 
 
 def default_data_folder(site_folder: Path) -> Path:
@@ -26,11 +27,20 @@ def default_data_folder(site_folder: Path) -> Path:
 def open_services(config: ConsoleConfig) -> Services:
     """Open site and database. Raises SiteError or InputError with what is wrong."""
     site = load_site(config.site_folder)
+    clear_half_written(config.site_folder)
     store = Store.open(config.data_folder)
     # Places are coordinates of one map: a map that was built anew is another site, and starts from its own graph.
     key = f"{site.site_id}@{map_checksum(config.site_folder)[:16]}"
     model = SiteModel(site, StoredGraphLog(store, key, site.name), config.site_folder, store.wall_s)
     return build_services(config, store, model, DeviceHub(wall_s=store.wall_s))
+
+
+def _make_token_file(path: Path) -> None:
+    """In one step: a file without its token would lock the device out, and no later start would mend it."""
+    fresh = path.with_name(f".{path.name}.new")
+    with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="ascii") as out:
+        out.write(new_token() + "\n")
+    os.replace(fresh, path)
 
 
 def token_from_file(devices: DeviceStore, path: Path) -> str:
@@ -41,9 +51,7 @@ def token_from_file(devices: DeviceStore, path: Path) -> str:
     try:
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-            with os.fdopen(handle, "w", encoding="ascii") as out:
-                out.write(new_token() + "\n")
+            _make_token_file(path)
         token = path.read_text(encoding="ascii").strip()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"The device token file {path} cannot be used ({error}): name another one.") from error

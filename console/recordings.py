@@ -34,7 +34,7 @@ from console.errors import BadRequestError, ConflictError, NoRoomError, NotFound
 from console.retention import UndeletedError
 from navcore.folder_swap import sync_path
 from navcore.recording_upload import MAX_RECORDING_BYTES, RecordingHeld, RecordingOffer
-from navcore.site_files import write_whole
+from navcore.site_files import clear_half_written, write_whole
 
 RESERVE_BYTES = 1 << 30
 """So much of the disk stays free for the database, and for building maps."""
@@ -107,6 +107,7 @@ class Recordings:
         self._wall_s, self._free_bytes = wall_s, free_bytes
         self._locks: weakref.WeakValueDictionary[str, threading.Lock] = weakref.WeakValueDictionary()
         self._beginning = threading.Lock()
+        clear_half_written(folder)
 
     # ------------------------------------------------------------------------------------------------ reading
     def all(self) -> tuple[StoredRecording, ...]:

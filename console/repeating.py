@@ -10,11 +10,15 @@ _log = logging.getLogger(__name__)
 
 
 class Repeating:
-    """Does some work at its start and every so many seconds; what it raises is logged, and ends nothing."""
+    """Does some work at its start and every so many seconds; what it raises is logged, and ends nothing.
+
+    What fails again and again is logged once: a log that grows would take the last of a full disk.
+    """
 
     def __init__(self, name: str, every_s: float, work: Callable[[], object]) -> None:
         self._name, self._every_s, self._work = name, every_s, work
         self._stopped = threading.Event()
+        self._is_failing = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
@@ -31,7 +35,10 @@ class Repeating:
         while True:
             try:
                 self._work()
+                self._is_failing = False
             except Exception:
-                _log.exception("%s failed, and is tried again in %g s.", self._name, self._every_s)
+                if not self._is_failing:
+                    _log.exception("%s failed, and is tried again every %g s.", self._name, self._every_s)
+                self._is_failing = True
             if self._stopped.wait(self._every_s):
                 return

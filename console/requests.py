@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import msgspec
-from fastapi import Depends, Response
+from fastapi import Depends, Header, Response
 from starlette.requests import HTTPConnection
 
 from console.errors import SignInError
@@ -23,6 +23,8 @@ def signed_in(connection: HTTPConnection) -> SignedIn:
 
 
 Visitor = Annotated[SignedIn, Depends(signed_in)]
+RequestKey = Annotated[str, Header(alias="Idempotency-Key", max_length=64)]
+"""Names a request that is asked again where its answer did not come, so that it is not done twice; empty for none."""
 
 
 def json_response(value: Any, status_code: int = 200) -> Response:

@@ -89,6 +89,7 @@ class ConsoleServer:
             self.services.alerts.close()
             for timer in self.services.timers:
                 timer.close()
+            self.services.late_audit.write()
             self.services.builds.close()
             self.services.what_ifs.close()
             self.services.surveys.close()

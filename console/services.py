@@ -17,6 +17,7 @@ from console.device_store import DeviceStore
 from console.exports import Exports
 from console.hub import DeviceHub
 from console.incident_timeline import IncidentTimelines
+from console.late_audit import LateAudit
 from console.live import EVENTS_KEPT_COUNT, Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
@@ -103,6 +104,8 @@ class Services:
     """Who has watched, and who has looked at what is kept: ``note`` is called wherever that is shown."""
     watching: Watching
     """Who watches which walker now."""
+    late_audit: LateAudit
+    """Orders to devices, written down as soon as the disk takes them."""
     retention: Retention
     """Deletes what is too old."""
     timers: tuple[Repeating, ...]
@@ -125,13 +128,15 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     def commanded(device_id: str, command: Command) -> None:
         # What was said to a walker is theirs; that something was said is not.
         detail = device_id if command.kind == "say" else f"{device_id} {command.detail}"
-        store.audit(command.who, f"device_{command.kind}", detail)
         if command.kind == "ask_colour":
+            # Nobody is asked for what cannot be written down.
             access.note(command.who, "colour", device_id)
+        late_audit.note(command.who, f"device_{command.kind}", detail)
 
     def look_who_watches() -> None:
         hub.forget_colours()
         watching.look()
+        late_audit.write()
 
     def close_void_links() -> None:
         close_what_is_over(device_sockets, devices.void, device_sockets.close)
@@ -145,6 +150,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
 
+    late_audit = LateAudit(store)
     access = AccessLog(store)
     access.on_changed = tell_accesses
     watching = Watching(hub.now_s, access, hub)
@@ -217,6 +223,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         incident_timelines=incident_timelines,
         access=access,
         watching=watching,
+        late_audit=late_audit,
         retention=retention,
         timers=(
             Repeating("retention", EVERY_S, retention.run),

@@ -21,8 +21,10 @@ from console.map_builds import put_in_place
 from console.recordings import RESERVE_BYTES, plain_name
 from navcore.folder_swap import sync_path
 from navcore.site_archive import ArchiveManifest, unpack_site_archive
+from navcore.site_files import write_whole
 
 _PREFIX = ".importing-"
+_REQUEST_FILE = ".request"
 
 
 class SiteImports:
@@ -58,11 +60,21 @@ class SiteImports:
         finally:
             self._busy.release()
 
-    def keep(self, archive: Path) -> tuple[Path, ArchiveManifest]:
-        """Make a received archive into a site; return where it is. Raises SiteError; nothing is kept then."""
-        manifest = unpack_site_archive(archive, archive.with_name("site"))
+    def keep(self, archive: Path, request: str = "") -> tuple[Path, ArchiveManifest]:
+        """Make a received archive into a site; return where it is. Raises SiteError; nothing is kept then.
+
+        ``request`` is the key of the request: the site that it has made already is not made again.
+        """
+        site = archive.with_name("site")
+        manifest = unpack_site_archive(archive, site)
+        if request:
+            for known in self.folder.glob(f"*/{_REQUEST_FILE}"):
+                if known.read_text(encoding="utf-8") == request:
+                    return known.parent.resolve(), manifest
+            # Within the site, so that both come to their place in one step.
+            write_whole(site / _REQUEST_FILE, request.encode())
         name = f"{plain_name(manifest.name, 'site')}-{manifest.id[:8]}"
-        target = put_in_place(archive.with_name("site"), self.folder, name)
+        target = put_in_place(site, self.folder, name)
         sync_path(self.folder)
         return target.resolve(), manifest
 

@@ -6,6 +6,7 @@ overwritten (``secure_delete``), and gone from the write-ahead log after :meth:`
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -17,10 +18,12 @@ from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
+from console.disk_reserve import put_by, release
 from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
 from navcore.errors import InputError
 
 DATABASE_FILE = "console.sqlite3"
+_log = logging.getLogger(__name__)
 _WRITES = "vbr_writes"
 _LOCK_WAIT_MS = 10_000
 """So long whoever reads or writes waits for another process."""
@@ -48,7 +51,15 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
             raise InputError(f"The folder {folder} cannot be made ({error}): name another with --data.") from error
-        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
+        try:
+            store = Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
+        except InputError as error:
+            if not (isinstance(error.__cause__, OperationalError) and release(folder)):
+                raise
+            _log.error("%s What was put by for this is used up: free the disk now.", error)
+            return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
+        put_by(folder)
+        return store
 
     @contextmanager
     def reading(self) -> Iterator[Session]:

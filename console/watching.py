@@ -97,6 +97,7 @@ class Watching:
         self._ended: list[tuple[int, str]] = []
         """Entries of the log whose end is still to be written, and their devices."""
         self._noted_s = now_s()
+        self._is_failing = False
 
     @contextmanager
     def window(self, who: str, *, says: bool) -> Iterator[Window]:
@@ -178,9 +179,12 @@ class Watching:
                 self._counted = counted
             try:
                 self._write_down(now_s)
+                self._is_failing = False
             except Exception:
-                # It is tried again at the next look; whoever is watched has been told.
-                _log.exception("who watches could not be written down")
+                # It is tried again at the next look, and said once; whoever is watched has been told.
+                if not self._is_failing:
+                    _log.exception("who watches cannot be written down for now")
+                self._is_failing = True
 
     def _is_counted(self, who: str, device_id: str, connected: tuple[str, ...]) -> bool:
         """Whether the device has been told of somebody; one that is away tells nothing new, and cannot be told."""

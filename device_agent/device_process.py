@@ -29,6 +29,7 @@ from device_agent.logged_uplink import LoggedUplink
 from device_agent.logs import log_files, off_the_terminal
 from device_agent.map_download import staging_folder
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
+from device_agent.map_walk.walk_folder import walks_in
 from device_agent.orders import Lead, Order
 from device_agent.places import find_place
 from device_agent.ports import Clock, LocalizerPort, Uplink
@@ -65,6 +66,7 @@ def run_device(options: DeviceOptions, stopped: threading.Event) -> int:
     """Run until ``stopped`` is set, or (without a console) until the walk is over. Returns the exit code."""
     use_one_core()
     store = DeviceStore(options.state, options.site)
+    store.clear_up([*walks_in(options.map_walks), *([options.record.folder] if options.record is not None else [])])
     site = _site(options, store)
     goal = find_place(site.poi_graph, options.to) if site is not None and options.to else None
     kept = _kept(options, store)

@@ -8,11 +8,12 @@ import json
 import logging
 import os
 import shlex
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import msgspec
 
+from device_agent.calibration_store import CalibrationStore
 from device_agent.link_state import LinkState
 from device_agent.sharing import DEFAULT_CONSENT, NOTHING_SHARED, Consent, shared_by_both
 from navcore.errors import InputError, SettingError, SiteError
@@ -20,7 +21,7 @@ from navcore.folder_swap import keep_aside, swap_in, sync_tree
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_site, save_poi_graph
-from navcore.site_files import write_whole
+from navcore.site_files import clear_half_written, write_whole
 from navcore.wire import Accesses, Count
 
 _log = logging.getLogger(__name__)
@@ -58,6 +59,17 @@ class DeviceStore:
         self.went_back = ""
         """Why the map before the last one runs, as a sentence; empty while the last one does."""
 
+    def clear_up(self, others: Iterable[Path] = ()) -> None:
+        """Delete what was half-written in the device's folders, and in ``others``, when it was killed."""
+        for folder in (
+            self.state_folder,
+            CalibrationStore(self.state_folder).history_folder,
+            self.site_folder,
+            *others,
+        ):
+            with contextlib.suppress(OSError):
+                clear_half_written(folder)
+
     @property
     def journal_path(self) -> Path:
         """Where events wait for the console."""
@@ -94,12 +106,8 @@ class DeviceStore:
     def save_settings(self, settings: Settings, revision: int) -> None:
         """Keep the settings. Raises OSError."""
         self.state_folder.mkdir(parents=True, exist_ok=True)
-        fresh = self._settings_path.with_suffix(".new")
-        with fresh.open("w", encoding="utf-8") as out:
-            json.dump({"revision": revision, "values": settings.values()}, out, indent=1)
-            out.flush()
-            os.fsync(out.fileno())
-        os.replace(fresh, self._settings_path)
+        kept = {"revision": revision, "values": settings.values()}
+        write_whole(self._settings_path, json.dumps(kept, indent=1).encode())
 
     @property
     def _consent_path(self) -> Path:

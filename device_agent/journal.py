@@ -23,6 +23,8 @@ from navcore.wire_trace import MAX_STAMP_S
 
 MAX_EVENTS_ON_DISK = 100_000
 MAX_EVENTS_IN_MEMORY = 10_000
+RETRY_EVERY_S = 5.0
+"""So often it is tried again to store what the disk did not take."""
 _MAX_TEXT = 500
 _IN_MEMORY = ":memory:"
 _BEYOND_THE_DISK = 1 << 32
@@ -82,7 +84,9 @@ class EventJournal:
         self._counting = threading.Lock()
         self._missed = 0
         self._unstored: list[_Occurrence] = []
-        """What the disk did not take when it was its turn: tried again with what comes next."""
+        """What the disk did not take when it was its turn: tried again with what comes next, or after a while."""
+        self._confirmed = 0
+        """What the console has, also where the disk did not take that it may be forgotten."""
         try:
             self._base, self.damaged = _opened(path) if path is not None else (_connected(_IN_MEMORY), None)
         except (OSError, sqlite3.Error) as error:
@@ -106,7 +110,8 @@ class EventJournal:
         done.wait()
 
     def pending(self, after: int, limit: int = 64) -> list[Event]:
-        """Return stored events with a sequence number greater than ``after``, in order."""
+        """Return stored events with a sequence number greater than ``after`` that are not confirmed, in order."""
+        after = max(after, self._confirmed)
         with self._lock:
             rows = self._base.execute(
                 "SELECT sequence, stamp_s, kind, text FROM event WHERE sequence > ? ORDER BY sequence LIMIT ?",
@@ -115,9 +120,14 @@ class EventJournal:
         return [Event(*row) for row in rows]
 
     def confirm(self, sequence: int) -> None:
-        """Forget events up to this one: the console has stored them."""
+        """Forget events up to this one: the console has stored them.
+
+        A disk that takes nothing forgets them later; told again after a restart, the console knows their numbers.
+        """
         with self._lock:
-            self._base.execute("DELETE FROM event WHERE sequence <= ?", (sequence,))
+            self._confirmed = max(self._confirmed, sequence)
+            with contextlib.suppress(sqlite3.OperationalError):
+                self._base.execute("DELETE FROM event WHERE sequence <= ?", (self._confirmed,))
 
     def agree(self, last_stored: int) -> None:
         """Come to terms with a console that has this device's events up to ``last_stored``.
@@ -131,15 +141,21 @@ class EventJournal:
 
         Raises WireError where the console claims to have more events than any device tells.
         """
-        with self._lock, self._transaction():
+        with self._lock:
             if last_stored > max(self._issued(), MAX_AGREED_SEQUENCE):
                 raise WireError("The console claims to have events that no device can have told: use another console.")
             (has_agreed,) = self._base.execute("SELECT once FROM agreed").fetchone()
-            if has_agreed and last_stored <= self._issued():
-                self._base.execute("DELETE FROM event WHERE sequence <= ?", (last_stored,))
-                return
-            self._number_after(last_stored if has_agreed or self._is_on_disk else last_stored + _BEYOND_THE_DISK)
-            self._base.execute("UPDATE agreed SET once = 1")
+            is_known = has_agreed and last_stored <= self._issued()
+        if is_known:
+            # This needs no room on the disk: a device whose disk is full is watched over all the same.
+            self.confirm(last_stored)
+            return
+        with self._lock:
+            with self._transaction():
+                self._base.execute("DELETE FROM event WHERE sequence <= ?", (self._confirmed,))
+                self._number_after(last_stored if has_agreed or self._is_on_disk else last_stored + _BEYOND_THE_DISK)
+                self._base.execute("UPDATE agreed SET once = 1")
+            self._confirmed = 0
 
     def close(self) -> None:
         """Write what was handed over, and close the file."""
@@ -151,7 +167,9 @@ class EventJournal:
 
     def _run(self) -> None:
         while True:
-            batch = [self._work.get()]
+            batch: list[_Work] = []
+            with contextlib.suppress(queue.Empty):
+                batch.append(self._work.get(timeout=RETRY_EVERY_S if self._unstored else None))
             with contextlib.suppress(queue.Empty):
                 while len(batch) < 256:
                     batch.append(self._work.get_nowait())

@@ -8,8 +8,11 @@ anything is read.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 import shutil
+import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 _ATTEMPTS = 3
@@ -57,6 +60,35 @@ def recover(folder: Path) -> None:
     if not folder.exists() and aside(folder).is_dir():
         with contextlib.suppress(OSError):
             os.replace(aside(folder), folder)
+
+
+@contextlib.contextmanager
+def fresh_folder(folder: Path) -> Iterator[Path]:
+    """Give a new folder beside another, to be filled and put in its place; it is gone afterwards. Raises OSError.
+
+    What a crash has left of earlier ones goes first; what somebody else fills just now stays.
+    """
+    prefix = f".{folder.name}-fresh-"
+    for left_behind in folder.parent.glob(f"{prefix}*"):
+        with contextlib.suppress(OSError), _held(left_behind, fcntl.LOCK_EX):
+            shutil.rmtree(left_behind, ignore_errors=True)
+    fresh = Path(tempfile.mkdtemp(prefix=prefix, dir=folder.parent))
+    try:
+        with _held(fresh, fcntl.LOCK_SH):
+            yield fresh
+    finally:
+        shutil.rmtree(fresh, ignore_errors=True)
+
+
+@contextlib.contextmanager
+def _held(folder: Path, how: int) -> Iterator[None]:
+    """Hold a folder as long as the block runs. Raises OSError where somebody else does."""
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, how | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(handle)
 
 
 def sync_tree(folder: Path) -> None:

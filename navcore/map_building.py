@@ -6,11 +6,15 @@ Device and console both do so; the command line of this program is what does it.
 from __future__ import annotations
 
 import shutil
+import signal
 from collections.abc import Callable
 from pathlib import Path
 
 from navcore.command_process import CommandProcess
 from navcore.errors import MappingError
+
+_OUT_OF_MEMORY = ("MemoryError", "Cannot allocate memory", "failed to map segment")
+"""How Python, the system and its loader say that there is no more."""
 
 
 class MapBuilding:
@@ -46,6 +50,12 @@ class MapBuilding:
             raise MappingError(
                 f"Building the map has taken more than {(limit_s or 0.0) / 3600:.3g} h and was given up:"
                 " record less at a time, or run `vbr map build` on a faster machine."
+            )
+        if ended.code == -signal.SIGKILL or any(words in ended.complaint for words in _OUT_OF_MEMORY):
+            # Nobody kills it so but the system, where memory runs out.
+            raise MappingError(
+                "Building the map needed more memory than there is, and was broken off: record less at a time, or run"
+                " `vbr map build` on a machine with more."
             )
         if ended.code != 0:
             raise MappingError(ended.complaint or f"The building of the map ended with {ended.code}.")

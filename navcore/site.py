@@ -23,8 +23,6 @@ import hashlib
 import io
 import json
 import os
-import shutil
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -37,7 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.errors import SiteError
-from navcore.folder_swap import recover, swap_in, sync_tree
+from navcore.folder_swap import fresh_folder, recover, swap_in, sync_tree
 from navcore.geometry import FloatArray
 from navcore.planning.poi_graph import PoiGraph
 from navcore.site_files import (
@@ -145,7 +143,8 @@ def prepare_site_folder(folder: Path) -> None:
         is_foreign = folder.exists() and (
             not folder.is_dir() or (any(folder.iterdir()) and not (folder / MANIFEST).exists())
         )
-        Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent)).rmdir()
+        with fresh_folder(folder):
+            pass
     except OSError as error:
         raise SiteError(f"No site can be written to {folder} ({error.strerror}): name another folder.") from error
     if is_foreign:
@@ -153,14 +152,11 @@ def prepare_site_folder(folder: Path) -> None:
 
 
 def _replace_site(site: Site, folder: Path) -> None:
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
+    with fresh_folder(folder) as fresh:
         _write_site(site, fresh)
         fresh.chmod(0o755)
         sync_tree(fresh)
         swap_in(fresh, folder)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
 
 
 def load_site(folder: Path) -> Site:
@@ -270,14 +266,11 @@ def unpack_site(package: bytes | Path, folder: Path) -> None:
     if folder.exists():
         raise SiteError(f"{folder} exists already: name a new folder.")
     folder.parent.mkdir(parents=True, exist_ok=True)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
+    with fresh_folder(folder) as fresh:
         _extract(package, fresh)
         load_site(fresh)
         fresh.chmod(0o755)
         os.replace(fresh, folder)
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
 
 
 def _extract(source: bytes | Path, folder: Path) -> None:

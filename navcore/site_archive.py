@@ -20,9 +20,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-import shutil
 import stat
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from functools import partial
@@ -32,7 +30,7 @@ from typing import BinaryIO
 import msgspec
 
 from navcore.errors import InputError, SiteError
-from navcore.folder_swap import recover, swap_in, sync_tree
+from navcore.folder_swap import fresh_folder, recover, swap_in, sync_tree
 from navcore.planning.edits import validate
 from navcore.site import GRAPH_FILE, load_poi_graph, load_site, map_checksum, prepare_site_folder
 from navcore.site_files import FILE_NAME, MANIFEST, MAX_SITE_BYTES, FileEntry, read_manifest, write_whole
@@ -157,20 +155,18 @@ def unpack_site_archive(source: Path, folder: Path, *, replace: bool = False) ->
     if not source.is_file():
         raise SiteError(f"There is no site archive at {source}: name a file that is there.")
     prepare_site_folder(folder)
-    fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
     try:
-        manifest = _unpack(source, fresh)
-        _check_site(fresh, manifest)
-        write_whole(fresh / ORIGIN_FILE, msgspec.json.encode(Origin(manifest.id, manifest.parent_id)))
-        fresh.chmod(0o755)
-        sync_tree(fresh)
-        swap_in(fresh, folder)
+        with fresh_folder(folder) as fresh:
+            manifest = _unpack(source, fresh)
+            _check_site(fresh, manifest)
+            write_whole(fresh / ORIGIN_FILE, msgspec.json.encode(Origin(manifest.id, manifest.parent_id)))
+            fresh.chmod(0o755)
+            sync_tree(fresh)
+            swap_in(fresh, folder)
     except OSError as error:
         raise SiteError(
             f"The site archive cannot be unpacked to {folder} ({error.strerror}): see whether the disk has room."
         ) from error
-    finally:
-        shutil.rmtree(fresh, ignore_errors=True)
     return manifest
 
 

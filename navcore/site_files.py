@@ -8,6 +8,7 @@ unpickled, and no header can ask for memory that the file does not fill.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import hashlib
 import io
 import json
@@ -35,6 +36,8 @@ MAX_SITE_BYTES = 1 << 30
 FILE_NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]{0,99}(?:/[A-Za-z0-9_][A-Za-z0-9_.-]{0,99})?")
 """What files of a site may be called, folders of theirs included: nothing leads out of it."""
 _ADVICE = "build the map again, or take it from a backup"
+_HALF_WRITTEN = ".half"
+"""Ending of what is being written."""
 
 
 class FileEntry(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -150,17 +153,31 @@ def array_of(folder: Path, name: str, data: bytearray) -> NDArray[Any]:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Replace a file in one step: a reader, or a crash, meets the old one or the new one. Raises OSError."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
+    """Replace a file in one step: a reader, or a crash, meets the old one or the new one. Raises OSError.
+
+    What a crash leaves half-written goes with :func:`clear_half_written`.
+    """
+    handle, name = tempfile.mkstemp(_HALF_WRITTEN, f".{path.name}-", path.parent)
     try:
         with os.fdopen(handle, "wb") as out:
+            # Held by the living: whoever clears up sees that this one is not left behind. Not every disk knows locks.
+            with contextlib.suppress(OSError):
+                fcntl.flock(out, fcntl.LOCK_SH | fcntl.LOCK_NB)
             out.write(data)
             out.flush()
             os.fsync(out.fileno())
-        os.chmod(name, 0o644)
-        os.replace(name, path)
+            os.chmod(name, 0o644)
+            os.replace(name, path)
     except BaseException:
         # A disk that is full is not to fill with what did not find room.
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+
+
+def clear_half_written(folder: Path) -> None:
+    """Delete what :func:`write_whole` left in a folder where it was killed; what somebody writes just now stays."""
+    for path in folder.glob(f".*{_HALF_WRITTEN}"):
+        with contextlib.suppress(OSError), path.open("rb") as file:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            path.unlink()

@@ -41,6 +41,10 @@ one begun: its events are numbered after those that the console has, and so are 
 disk takes none. What waits on the disk meanwhile is numbered after these in turn; only then may an event come twice:
 one that the console had stored, but not confirmed, before the disk was passed over.
 
+A disk that is full, at either end, does not end the link. The device's journal goes on telling what it holds, notes in
+memory what is confirmed, and tries every 5 s to store what the disk did not take. The console shows an event that it
+cannot store, and confirms it when it has stored it; a device that it knows is taken in all the same.
+
 ## Clocks
 
 Every {PING_EVERY_S:g} seconds the console asks for the device's clock; ping and answer carry the four times of NTP. The

@@ -11,19 +11,34 @@ class Refused extends Error {
 
 const SILENT = "The console does not answer: see whether it is running. Nothing that you typed here is lost.";
 
-export async function ask(method, path, body) {
+const ASK_AGAIN_MS = 700;
+const ASKED_AGAIN_COUNT = 4;
+
+export async function ask(method, path, body, { key = "" } = {}) {
   const options = { method, headers: {}, cache: "no-store", credentials: "same-origin" };
+  if (key) options.headers["Idempotency-Key"] = key;
   if (body !== undefined) {
     options.headers["Content-Type"] = "application/json";
     options.body = JSON.stringify(body);
   }
-  let answer;
-  try {
-    answer = await fetch(path, options);
-  } catch {
-    throw new Refused(SILENT, 0);
-  }
+  const answer = await answered(path, options, key ? ASKED_AGAIN_COUNT : 0);
   return taken(path, answer.status, await answer.json().catch(() => ({})));
+}
+
+/** Where the console is being started anew, what has a key is asked again: nobody knows whether it was done, and it is not done twice. */
+async function answered(path, options, again_count) {
+  try {
+    return await fetch(path, options);
+  } catch {
+    if (again_count === 0) throw new Refused(SILENT, 0);
+  }
+  await new Promise((resolve) => setTimeout(resolve, ASK_AGAIN_MS));
+  return answered(path, options, again_count - 1);
+}
+
+/** A key that no other request has. */
+function newKey() {
+  return Array.from(crypto.getRandomValues(new Uint8Array(16)), (byte) => byte.toString(16).padStart(2, "0")).join("");
 }
 
 function taken(path, status, data) {
@@ -51,6 +66,22 @@ export function sendFile(path, file, tell) {
 
 export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
+const unheard = new Map();
+
+/** The same for what must not be done twice: an edit, an undo. Whoever asks for it again, for no answer came, asks with the same key. */
+export async function postOnce(path, body) {
+  const request = `${path} ${JSON.stringify(body)}`;
+  const key = unheard.get(request) ?? newKey();
+  unheard.set(request, key);
+  try {
+    const data = await ask("POST", path, body, { key });
+    unheard.delete(request);
+    return data;
+  } catch (error) {
+    if (error.status !== 0) unheard.delete(request);
+    throw error;
+  }
+}
 export const patch = (path, body) => ask("PATCH", path, body);
 
 /** Get what a part of the console answers that may not be there; null where it is not. */

@@ -1,6 +1,6 @@
 /* The draft of the PoI-graph: fetched when its version changes, edited through the API. */
 
-import { get, post } from "./api.js";
+import { get, postOnce } from "./api.js";
 import { settle } from "./conflict.js";
 import { publish } from "./publish.js";
 import { attempt, toast } from "./toast.js";
@@ -40,7 +40,7 @@ export class Graph {
   async edit(edit, base = this.data.version) {
     for (;;) {
       try {
-        this.take(await post(`/api/edits?base_version=${base}`, edit));
+        this.take(await postOnce(`/api/edits?base_version=${base}`, edit));
         return true;
       } catch (error) {
         const conflict = error.details?.conflict;
@@ -55,11 +55,11 @@ export class Graph {
   }
 
   undo() {
-    return attempt(async () => this.take(await post("/api/undo")), "Taking it back…");
+    return attempt(async () => this.take(await postOnce("/api/undo")), "Taking it back…");
   }
 
   redo() {
-    return attempt(async () => this.take(await post("/api/redo")), "Making it again…");
+    return attempt(async () => this.take(await postOnce("/api/redo")), "Making it again…");
   }
 
   publish() {

@@ -1,6 +1,6 @@
 /* The page Versions: check, publish, compare, go back. */
 
-import { get, post } from "./api.js";
+import { get, post, postOnce } from "./api.js";
 import { changesList } from "./changes.js";
 import { Checker, SEVERITIES, severityCount } from "./checker.js";
 import { $, badge, el, onChange, setText } from "./dom.js";
@@ -134,7 +134,7 @@ function rollBack(version) {
 async function goneBack(version, seen) {
   for (;;) {
     try {
-      graph.take(await post(`/api/versions/${version}/roll-back`, { base_version: seen }));
+      graph.take(await postOnce(`/api/versions/${version}/roll-back`, { base_version: seen }));
       return true;
     } catch (error) {
       if (error.status !== 409) throw error;

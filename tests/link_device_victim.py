@@ -44,9 +44,8 @@ class Device:
         say(f"map {checksum}")
 
 
-def main() -> None:
-    """Hand over events as asked."""
-    url, token, folder, run = sys.argv[1:]
+def linked(url: str, token: str, folder: str) -> tuple[ConsoleLink, EventJournal, SystemClock]:
+    """Return a link that dials, with its journal and clock."""
     journal = EventJournal(Path(folder) / "events.sqlite")
     settings = LinkSettings(
         url, token, Path(folder) / "incoming", first_pause_s=0.02, longest_pause_s=0.1,
@@ -55,6 +54,31 @@ def main() -> None:
     clock = SystemClock()
     link = ConsoleLink(settings, journal, clock)
     link.start(Device())
+    return link, journal, clock
+
+
+def talk(url: str, token: str, folder: str, run: str, count: str) -> None:
+    """Hand over events, one after the other, and say of each that it is on the disk; at last that all are confirmed.
+
+    A role of :mod:`benchmarks.kills.nursery`.
+    """
+    link, journal, clock = linked(url, token, folder)
+    for number in range(int(count)):
+        link.event(clock.now_s(), "cue", f"{run} {number}")
+        journal.flush()
+        say(str(number + 1))
+    while journal.pending(0, 1):
+        clock.sleep_until(clock.now_s() + 0.02)
+    say("all confirmed")
+
+
+ROLES = {"talk": talk}
+
+
+def main() -> None:
+    """Hand over events as asked."""
+    url, token, folder, run = sys.argv[1:]
+    link, journal, clock = linked(url, token, folder)
     said = 0
     say("ready")
     for line in sys.stdin:

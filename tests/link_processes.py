@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import os
 import queue
+import shutil
 import signal
 import sqlite3
 import subprocess
 import sys
+import tempfile
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from console.secrets_kept import new_token
@@ -22,6 +26,17 @@ WAIT_S = 120.0
 def surroundings() -> dict[str, str]:
     """Return the environment of a process that is to find this code, and the tests'."""
     return {**os.environ, "PYTHONPATH": os.pathsep.join([str(HERE.parent), str(HERE)])}
+
+
+@contextmanager
+def quick_folder(otherwise: Path) -> Iterator[Path]:
+    """Give an empty folder in memory, where there is one: kill -9 is not about disks, and these are slow."""
+    memory = Path("/dev/shm")
+    folder = Path(tempfile.mkdtemp(prefix="vbr-", dir=memory if os.access(memory, os.W_OK) else otherwise))
+    try:
+        yield folder
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 class Victim:

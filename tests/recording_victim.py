@@ -7,11 +7,15 @@ import time
 from pathlib import Path
 
 from test_device_agent import Rig
+from test_recorder import Times, recorded_rig, run
 
+from benchmarks.kills.nursery import say
 from device_agent.adapters.clocks import SystemClock
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.recorder import WalkRecorder
 from navcore.wire import SetDestination
+
+CYCLE_S = 0.1
 
 
 def main() -> None:
@@ -29,6 +33,20 @@ def main() -> None:
         sys.stdout.write(f"{number} {time.monotonic()!r}\n")
         sys.stdout.flush()
 
+
+def walk(folder: str) -> None:
+    """Walk for ever on clocks that are moved by hand: a role of :mod:`benchmarks.kills.nursery`."""
+    times = Times()
+    rig, recorder = recorded_rig(RecordingOptions(Path(folder), reserve_bytes=0), times)
+    rig.agent.submit(SetDestination("bar"))
+    number = 0
+    while True:
+        run(rig, recorder, times, 1, CYCLE_S)
+        number += 1
+        say(str(number))
+
+
+ROLES = {"walk": walk}
 
 if __name__ == "__main__":
     main()

@@ -10,7 +10,7 @@ import pytest
 from browser import become, become_admin, chromium, until
 from console_room import Person, first_admin, invited
 from link_processes import ConsoleProcess
-from playwright.sync_api import Browser, BrowserContext, Locator, Page, expect
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, Route, expect
 
 from console.edits import AddPoi, DeleteEdge, DeletePoi, MovePoi, UpdatePoi
 from console.server import ConsoleServer
@@ -483,4 +483,19 @@ def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(
     page.reload()
     expect(page.locator("#places")).to_contain_text("Tea bar")
     expect(page.locator("#places")).to_contain_text("Great hall")
+    # Done, but nobody hears the answer: saved again, it is done once.
+    versions: list[int] = []
+
+    def without_answer(route: Route) -> None:
+        versions.append(route.fetch().json()["version"])
+        route.abort()
+
+    page.route("**/api/edits*", without_answer)
+    press(page, "Edit Great hall")
+    dialog = form(page, Name="Small hall")
+    page.keyboard.press("Enter")
+    expect(dialog.get_by_role("alert")).to_contain_text("The console does not answer")
+    page.unroute("**/api/edits*")
+    assert len(versions) > 1
+    assert len(set(versions)) == 1, "asked again and again, and done once"
     context.close()

@@ -33,6 +33,8 @@ HEARD_KEPT_EVERY_S = 5.0
 KEEP_AGAIN_AFTER_S = 5.0
 """So long after an incident could not be kept it is tried again, while its alert lasts."""
 SHELF_MINUTES = (5, 10, 15)
+SAME_SHELF_S = 60.0
+"""Who shelves an alert as they did within so long asks again, for they have not heard the answer."""
 _log = logging.getLogger(__name__)
 Listener = Callable[[], None]
 Key = tuple[str, AlertKind]
@@ -161,9 +163,14 @@ class Alerts:
         self._do(alert_id, lifecycle.acknowledge, seen, refuse, who, note)
 
     def shelve(self, alert_id: str, minutes: int, who: str, reason: str) -> None:
-        """Keep an alert silent for some minutes. Raises NotFoundError, or ConflictError for other times."""
+        """Keep an alert silent for some minutes; what the same person has just asked for is not done twice.
+
+        Raises NotFoundError, or ConflictError for other times.
+        """
         if minutes not in SHELF_MINUTES:
             raise ConflictError("An alert is shelved for 5, 10 or 15 minutes: choose one of these.")
+        if self._is_on_this_shelf(alert_id, minutes, who, reason):
+            return
         until_s, until_wall_s = (now_s + 60.0 * minutes for now_s in (self._hub.now_s(), self._store.wall_s()))
 
         def shelved(record: AlertRecord) -> AlertRecord:
@@ -171,6 +178,13 @@ class Alerts:
 
         detail = f"{minutes} min: {reason}"
         self._do(alert_id, lambda life: lifecycle.shelve(life, until_s), shelved, _not_open, who, detail)
+
+    def _is_on_this_shelf(self, alert_id: str, minutes: int, who: str, reason: str) -> bool:
+        with self._lock:
+            _, record = self._open(alert_id)
+        if record.shelved_until_s is None or (record.shelved_by, record.shelf_reason) != (who, reason):
+            return False
+        return 0.0 <= self._store.wall_s() - (record.shelved_until_s - 60.0 * minutes) < SAME_SHELF_S
 
     def unshelve(self, alert_id: str, who: str) -> None:
         """Let a shelved alert be heard again. Raises NotFoundError, or ConflictError where it is on no shelf."""

@@ -34,7 +34,7 @@ from console.recordings import RESERVE_BYTES
 from console.retention import UndeletedError
 from navcore.errors import InputError
 from navcore.folder_swap import sync_path
-from navcore.site_files import write_whole
+from navcore.site_files import clear_half_written, write_whole
 from navcore.wire import PROTOCOL_VERSION, DeviceMessage, encode
 
 BEFORE_S = 30.0
@@ -113,6 +113,8 @@ class Incidents:
         self._lock = threading.RLock()
         self._rings: dict[str, MessageRing] = {}
         self._keeping: dict[str, _Keeping] = {}
+        for each in _folders(folder):
+            clear_half_written(each)
         for path in folder.glob(f"*/{MANIFEST_FILE}"):
             self._close_cut_off(path)
 

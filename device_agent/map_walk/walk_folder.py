@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import logging
 import re
+import shutil
 from pathlib import Path
 from typing import Literal
 
@@ -40,10 +41,12 @@ def new_walk(folder: Path, date: str) -> Path:
     """Make the folder of the next walk. Raises OSError."""
     folder.mkdir(parents=True, exist_ok=True)
     taken = [int(found[1]) for path in folder.iterdir() if (found := re.fullmatch(r"walk-(\d{4,9})", path.name))]
-    walk = folder / f"walk-{max(taken, default=0) + 1:04d}"
-    walk.mkdir()
-    write_state(walk, WalkState("recording", date))
-    return walk
+    # In one step: a folder that says nothing of itself would be a walk that failed, for ever.
+    fresh = folder / ".new-walk"
+    shutil.rmtree(fresh, ignore_errors=True)
+    fresh.mkdir()
+    write_state(fresh, WalkState("recording", date))
+    return fresh.rename(folder / f"walk-{max(taken, default=0) + 1:04d}")
 
 
 def walks_in(folder: Path) -> tuple[Path, ...]:

@@ -1,0 +1,157 @@
+"""Kill -9 of the console at moments that a seed chooses, while five clients work with it (benchmarks/kills/console.py).
+
+Here are few of these kills; ``python -m benchmarks.kills --kills 1000`` does as many as wanted.
+"""
+
+from __future__ import annotations
+
+import random
+import sqlite3
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from console_room import Person, first_admin
+from link_processes import quick_folder
+
+from benchmarks.kills.console import KilledConsole
+from benchmarks.kills.nursery import BrokenPromiseError, Nursery
+from console.alerts.alert_store import AlertRecord
+from console.alerts.rules import Priority
+from console.edits import AddPoi
+from console.opening import token_from_file
+from console.server import ConsoleServer
+from navcore.folder_swap import fresh_folder
+from navcore.site_files import clear_half_written, write_whole
+
+pytestmark = pytest.mark.slow
+KILLS = 10
+
+
+@pytest.fixture(scope="module")
+def nursery(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Nursery]:
+    nursery = Nursery("benchmarks.kills.console", tmp_path_factory.mktemp("nursery") / "log")
+    yield nursery
+    nursery.close()
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_was_acknowledged_outlives_every_kill_and_nothing_is_half_there(
+    seed: int, nursery: Nursery, tmp_path: Path
+) -> None:
+    with quick_folder(tmp_path) as folder:
+        console = KilledConsole(folder, seed, nursery)
+        try:
+            for _ in range(KILLS):
+                console.kill_once()
+        finally:
+            console.close()
+        assert console.request_count > KILLS
+
+
+@pytest.mark.parametrize("spoil", ["DELETE FROM device_events WHERE sequence = 1", "DELETE FROM graph_entries", ""])
+def test_what_was_lost_is_found(spoil: str, nursery: Nursery, tmp_path: Path) -> None:
+    with quick_folder(tmp_path) as folder:
+        console = KilledConsole(folder, 3, nursery)
+        try:
+            console.close()
+            with sqlite3.connect(console.data / "console.sqlite3") as base:
+                base.execute(spoil)
+            base.close()
+            if not spoil:
+                (console.site / ".graph.json-abcdefgh.half~").touch()
+            with pytest.raises(BrokenPromiseError):
+                console.start_and_check()
+        finally:
+            console.close()
+
+
+def test_the_same_request_again_is_done_once(server: ConsoleServer) -> None:
+    admin = first_admin(server)
+    lift = {"edit": "add_poi", "name": "Lift", "kind": "lift", "x_m": 3.0, "y_m": 0.0}
+
+    def asked_twice(path: str, key: str, body: object = None) -> list[dict[str, object]]:
+        answers = [admin.http.post(path, json=body, headers={"Idempotency-Key": key}) for _ in range(2)]
+        return [answer.raise_for_status().json() for answer in answers]
+
+    before = admin.graph()["version"]
+    once, again = asked_twice(f"/api/edits?base_version={before}", "a", lift)
+    assert once == again
+    assert once["version"] == before + 1
+    assert [each["version"] for each in asked_twice("/api/undo", "b")] == [before + 2] * 2
+    assert [each["version"] for each in asked_twice("/api/redo", "c")] == [before + 3] * 2
+    back = asked_twice(f"/api/versions/{before}/roll-back", "d", {"base_version": before + 3})
+    assert [each["version"] for each in back] == [before + 4] * 2
+    # Without a key, and with another one, it is another request.
+    admin.edit(**lift).raise_for_status()
+    admin.http.post("/api/edits", json=lift | {"name": "Lift 2"}, headers={"Idempotency-Key": "e"}).raise_for_status()
+    assert admin.graph()["version"] == before + 6
+    archive = admin.http.get("/api/export/site.zip").raise_for_status().content
+    sites = [
+        admin.http.post("/api/import/site", content=archive, headers={"Idempotency-Key": key}).raise_for_status()
+        for key in ("f", "f", "g")
+    ]
+    assert len({answer.json()["site"] for answer in sites}) == 2
+    too_long = admin.http.post("/api/undo", headers={"Idempotency-Key": "x" * 65})
+    assert too_long.status_code == 400
+
+
+def test_a_key_is_the_one_persons_who_sent_it(server: ConsoleServer) -> None:
+    model = server.services.model
+    before = model.graph.version
+    lift = AddPoi("Lift", "lift", 3.0, 0.0)
+    for who in ("Ada", "Bob"):
+        model.apply(lift, who, request="a")
+    assert model.graph.version == before + 2
+
+
+def test_an_alert_is_shelved_once_though_it_is_asked_twice(server: ConsoleServer) -> None:
+    services = server.services
+    record = AlertRecord("1" * 16, "away", "Away", "too_hot", Priority.LOW, "Hot.", services.store.wall_s())
+    services.alert_store.save([record], [])
+    services.alerts._take_up(record, services.hub.now_s())
+    for _ in range(2):
+        services.alerts.shelve(record.alert_id, 5, "Ada", "We know.")
+    services.alerts.shelve(record.alert_id, 10, "Ada", "We know.")
+    steps = [step.detail for step in services.alert_store.steps([record.alert_id])]
+    assert steps == ["5 min: We know.", "10 min: We know."]
+
+
+def test_what_is_half_written_goes_and_what_is_being_written_stays(tmp_path: Path) -> None:
+    (tmp_path / ".walk.json-abcdefgh.half").write_bytes(b"{")
+    (tmp_path / ".site-previous").mkdir()
+    (tmp_path / ".kept-previous").write_bytes(b"of somebody else")
+    dice, stopped, failures = random.Random(1), threading.Event(), list[BaseException]()
+
+    def write() -> None:
+        try:
+            while not stopped.is_set():
+                write_whole(tmp_path / "walk.json", dice.randbytes(100))
+        except BaseException as error:
+            failures.append(error)
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    for _ in range(300):
+        clear_half_written(tmp_path)
+    stopped.set()
+    writer.join()
+    assert failures == []
+    assert sorted(path.name for path in tmp_path.iterdir()) == [".kept-previous", ".site-previous", "walk.json"]
+
+
+def test_a_folder_that_a_crash_left_half_filled_goes_and_one_that_is_being_filled_stays(tmp_path: Path) -> None:
+    (tmp_path / ".site-fresh-abcdefgh").mkdir()
+    (tmp_path / ".site-previous").mkdir()
+    with fresh_folder(tmp_path / "site") as first, fresh_folder(tmp_path / "site") as second:
+        left = {path.name for path in tmp_path.iterdir()}
+        assert left == {".site-previous", first.name, second.name}
+    assert [path.name for path in tmp_path.iterdir()] == [".site-previous"]
+
+
+def test_a_token_file_that_was_begun_is_made_anew(server: ConsoleServer, admin: Person, tmp_path: Path) -> None:
+    (tmp_path / ".glasses.token.new").write_text("half")
+    token = token_from_file(server.services.devices, tmp_path / "glasses.token")
+    assert server.services.devices.name_of(token) == "glasses"
+    assert not (tmp_path / ".glasses.token.new").exists()

@@ -129,9 +129,10 @@ class Accounts:
         if row is None or user is None or user.disabled_at_s is not None:
             return None
         now_s = self._store.wall_s()
-        if now_s - row.created_at_s > SESSION_LONGEST_S or now_s - row.last_seen_at_s > SESSION_IDLE_S:
+        # Either way: a session that was begun while the clock was years ahead is not to last for years.
+        if abs(now_s - row.created_at_s) > SESSION_LONGEST_S or abs(now_s - row.last_seen_at_s) > SESSION_IDLE_S:
             return None
-        if now_s - row.last_seen_at_s > SEEN_STEP_S:
+        if abs(now_s - row.last_seen_at_s) > SEEN_STEP_S:
             self._note_seen(row.token_hash, now_s)
         return SignedIn(row.token_hash, user.id, user.name, _role(user.role))
 
@@ -191,7 +192,11 @@ class Accounts:
 
     def _open_link(self, session: Session, token: str) -> OneTimeLinkRow:
         link = session.get(OneTimeLinkRow, hash_of_token(token))
-        if link is None or link.used_at_s is not None or link.expires_at_s < self._store.wall_s():
+        if link is None or link.used_at_s is not None:
+            raise NotFoundError(_BAD_LINK)
+        now_s = self._store.wall_s()
+        # Nor does one hold that was made while the clock was far ahead.
+        if now_s > link.expires_at_s or now_s < link.created_at_s - LINK_VALID_S:
             raise NotFoundError(_BAD_LINK)
         return link
 

@@ -17,6 +17,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
+from console.data_lock import DataLock
 from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
 from navcore.errors import InputError
 
@@ -25,6 +26,10 @@ _WRITES = "vbr_writes"
 _LOCK_WAIT_MS = 10_000
 """So long whoever reads or writes waits for another process."""
 _EMPTYING_WAIT_MS = 100
+_UNOPENED = (
+    "The database {where} cannot be opened ({why}): see whether its folder is writable and the disk has room, or name"
+    " another folder with --data."
+)
 
 
 class Store:
@@ -33,8 +38,11 @@ class Store:
     ``wall_s`` is the clock of every date that is stored.
     """
 
-    def __init__(self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time) -> None:
-        self.wall_s = wall_s
+    def __init__(
+        self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time, lock: DataLock | None = None
+    ) -> None:
+        """``lock`` is held as long as the database is open."""
+        self.wall_s, self._lock = wall_s, lock
         self._engine = engine
         self._writing_engine = engine.execution_options(**{_WRITES: True})
         self._write_lock = threading.RLock()
@@ -48,7 +56,15 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         except OSError as error:
             raise InputError(f"The folder {folder} cannot be made ({error}): name another with --data.") from error
-        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
+        try:
+            lock = DataLock(folder)
+        except OSError as error:
+            raise InputError(_UNOPENED.format(where=path, why=error)) from error
+        try:
+            return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s, lock)
+        except BaseException:
+            lock.close()
+            raise
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -108,6 +124,8 @@ class Store:
     def close(self) -> None:
         """Close the database."""
         self._engine.dispose()
+        if self._lock is not None:
+            self._lock.close()
 
 
 def _sqlite_engine(url: str) -> Engine:
@@ -143,10 +161,7 @@ def _prepare_schema(engine: Engine, where: str) -> None:
                 connection.execute(update(SchemaRow).values(version=SCHEMA_VERSION))
                 version = SCHEMA_VERSION
     except OperationalError as error:
-        raise InputError(
-            f"The database {where} cannot be opened ({error.orig}): see whether its folder is writable and the disk has"
-            " room, or name another folder with --data."
-        ) from error
+        raise InputError(_UNOPENED.format(where=where, why=error.orig)) from error
     except DatabaseError as error:
         raise InputError(
             f"The database {where} is damaged ({error.orig}): restore it from a backup, or name another folder with"

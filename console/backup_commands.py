@@ -64,9 +64,7 @@ def run_restore(arguments: argparse.Namespace) -> None:
         sys.stdout.write(f"{arguments.file} is whole: {_of(manifest)}.\n")
         return
     site_folder, data_folder = site_folder_of(arguments), data_folder_of(arguments)
-    done = restore(
-        arguments.file, site_folder, data_folder, replace=arguments.replace, progress=_percent("Restored")
-    )
+    done = restore(arguments.file, site_folder, data_folder, replace=arguments.replace, progress=_percent("Restored"))
     _tell_restored(done, site_folder, data_folder)
 
 
@@ -96,7 +94,6 @@ def data_folder_of(arguments: argparse.Namespace) -> Path:
     from console.opening import default_data_folder
 
     return default_data_folder(arguments.site)
-
 
 
 def _of(manifest: BackupManifest) -> str:

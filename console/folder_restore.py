@@ -17,7 +17,7 @@ from pathlib import Path
 
 import msgspec
 
-from console.data_lock import BusyDataError
+from console.data_lock import LOCK_FILE, BusyDataError
 from navcore.errors import InputError
 from navcore.folder_swap import aside, keep_aside, recover, swap_in, sync_path
 
@@ -42,6 +42,11 @@ def kept_path(folder: Path) -> Path:
     return folder.with_name(f"{folder.name}.before-restore")
 
 
+def is_occupied(folder: Path) -> bool:
+    """Say whether there is anything but a lock."""
+    return folder.exists() and (not folder.is_dir() or any(each.name != LOCK_FILE for each in folder.iterdir()))
+
+
 def put_in_place(site_folder: Path, data_folder: Path) -> None:
     """Let what is complete under :func:`fresh_path` take the place of both folders; what was there is kept.
 
@@ -52,7 +57,7 @@ def put_in_place(site_folder: Path, data_folder: Path) -> None:
         recover(each)
         shutil.rmtree(aside(each), ignore_errors=True)
     swaps = [
-        _Swap(str(fresh_path(each)), str(each), str(kept_path(each)) if _holds_something(each) else None)
+        _Swap(str(fresh_path(each)), str(each), str(kept_path(each)) if is_occupied(each) else None)
         for each in folders
     ]
     note = _note_path(data_folder)
@@ -96,10 +101,6 @@ def _swap_all(note: _Note, path: Path) -> None:
         shutil.rmtree(aside(folder), ignore_errors=True)
     path.unlink()
     sync_path(path.parent)
-
-
-def _holds_something(folder: Path) -> bool:
-    return folder.is_dir() and any(folder.iterdir())
 
 
 def _note_path(data_folder: Path) -> Path:

@@ -17,7 +17,7 @@ from sqlalchemy import func, select
 
 from console.backup_archive import BackupArchive, BackupError, BackupManifest, Progress, opened_backup
 from console.data_lock import LOCK_FILE, DataLock
-from console.folder_restore import finish_restore, fresh_path, kept_path, put_in_place
+from console.folder_restore import finish_restore, fresh_path, is_occupied, kept_path, put_in_place
 from console.graph_store import graph_key
 from console.opening import open_model
 from console.retention import believe_clock
@@ -31,6 +31,7 @@ from navcore.site_files import MANIFEST as SITE_MANIFEST
 _UNKNOWN_VERSIONS_COUNT = 1000
 """So many versions may have been made since the backup where nobody can look: devices may run any of them."""
 _PARTS = ("site", "data")
+_DATABASE = f"data/{DATABASE_FILE}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,18 +81,15 @@ def restore(
             _prepare(archive.manifest, fresh["site"], fresh["data"], _newest_version(data_folder), wall_s)
             for folder in fresh.values():
                 sync_tree(folder)
-            kept = tuple(kept_path(each) for each in (site_folder, data_folder) if _is_occupied(each))
+            kept = tuple(kept_path(each) for each in (site_folder, data_folder) if is_occupied(each))
             put_in_place(site_folder, data_folder)
         except BaseException:
-            finish_or_clear(data_folder, fresh)
+            _finish_or_clear(data_folder, fresh)
             raise
     return Restored(archive.manifest, kept)
 
 
-_DATABASE = f"data/{DATABASE_FILE}"
-
-
-def finish_or_clear(data_folder: Path, fresh: dict[str, Path]) -> None:
+def _finish_or_clear(data_folder: Path, fresh: dict[str, Path]) -> None:
     """After a failure: what is not being put in place is cleared away."""
     with contextlib.suppress(InputError):
         finish_restore(data_folder)
@@ -120,19 +118,15 @@ def _held(data_folder: Path) -> Iterator[None]:
         yield
     finally:
         lock.close()
-        if not was_there and not _is_occupied(data_folder):
+        if not was_there and not is_occupied(data_folder):
             (data_folder / LOCK_FILE).unlink(missing_ok=True)
             data_folder.rmdir()
-
-
-def _is_occupied(folder: Path) -> bool:
-    return folder.exists() and (not folder.is_dir() or any(each.name != LOCK_FILE for each in folder.iterdir()))
 
 
 def _refuse_occupied(site_folder: Path, data_folder: Path, replace: bool) -> None:
     recover(site_folder)
     for folder, sign in ((site_folder, SITE_MANIFEST), (data_folder, DATABASE_FILE)):
-        if not _is_occupied(folder):
+        if not is_occupied(folder):
             continue
         if not (folder / sign).is_file():
             raise BackupError(f"{folder} holds other files: name an empty folder, or one that a console has used.")

@@ -48,6 +48,9 @@ def _locked(folder: Path, how: int) -> int | None:
     path = folder / LOCK_FILE
     while True:
         handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        if os.geteuid() == 0:
+            # A backup that root makes is not to lock out the user whom the console runs as.
+            os.fchown(handle, folder.stat().st_uid, folder.stat().st_gid)
         try:
             fcntl.flock(handle, how | fcntl.LOCK_NB)
             if os.path.samestat(os.fstat(handle), path.stat()):

@@ -57,8 +57,7 @@ def put_in_place(site_folder: Path, data_folder: Path) -> None:
         recover(each)
         shutil.rmtree(aside(each), ignore_errors=True)
     swaps = [
-        _Swap(str(fresh_path(each)), str(each), str(kept_path(each)) if is_occupied(each) else None)
-        for each in folders
+        _Swap(str(fresh_path(each)), str(each), str(kept_path(each)) if is_occupied(each) else None) for each in folders
     ]
     note = _note_path(data_folder)
     begun = note.with_name(f"{note.name}.new")

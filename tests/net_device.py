@@ -1,8 +1,9 @@
 """A device that walks in lock step beside a real link: ``URL TOKEN FOLDER MAP_CHECKSUM``, told what to do line by line.
 
-``walk N`` goes round N times and says ``walked HASH`` of all decisions and cues so far; ``events N`` hands over N events
-and says ``kept M`` when they are on the disk; ``link`` says how the link stands; ``open`` says how many threads and file
-handles there are; ``stop`` ends in good order.
+``walk N`` goes round N times and says ``walked HASH`` of all decisions and cues so far; ``events N`` hands over N
+events and says ``kept M`` when they are on the disk; ``record N`` leaves a recording of N bytes that is to be sent;
+``link`` says how the link stands; ``open`` says how many threads, file handles and look-ups there are; ``stop`` ends in
+good order.
 """
 
 from __future__ import annotations

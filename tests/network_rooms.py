@@ -1,7 +1,7 @@
 """Two network namespaces joined by a line that loses, delays, reorders, throttles and cuts packets.
 
-The line is a thread between two TUN devices, for many kernels have no netem. All addresses are inside the two namespaces
-that are made here; nothing else of the machine is touched, and nothing can be reached from them.
+The line is a thread between two TUN devices, for many kernels have no netem. All addresses are inside the two
+namespaces that are made here; nothing else of the machine is touched, and nothing can be reached from them.
 """
 
 from __future__ import annotations

@@ -61,6 +61,8 @@ class _DueIncident:
     """An incident that is to be kept."""
 
     cause: Cause
+    since_s: float
+    """When it became due, on the steady clock."""
     at_s: float
     """Not before this, on the steady clock."""
 
@@ -288,7 +290,8 @@ class Alerts:
         record = _updated(before, self._lives[key], changes, wall_s)
         if record.priority is Priority.HIGH and {Change.RAISED, Change.AGAIN, Change.ESCALATED} & set(changes):
             cause = Cause(wall_s, record.kind, record.sentence, record.alert_id)
-            self._due_incidents[key] = _DueIncident(cause, self._hub.now_s())
+            now_s = self._hub.now_s()
+            self._due_incidents[key] = _DueIncident(cause, now_s, now_s)
         self._put(key, record, [AlertStep(record.alert_id, wall_s, change, "", "") for change in changes])
 
     def _keep_incidents(self) -> None:
@@ -305,7 +308,7 @@ class Alerts:
 
     def _keep_later(self, key: Key, due: _DueIncident, error: ConsoleError) -> None:
         with self._lock:
-            passed_s = self._store.wall_s() - due.cause.at_s
+            passed_s = self._hub.now_s() - due.since_s
             if passed_s < KEEP_AGAIN_AFTER_S:
                 _log.error("No incident is kept of %s for now: %s", self._records[key].device_name, error)
             if self._due_incidents.get(key) is not due:

@@ -8,6 +8,7 @@ files of this kind are ever removed, and never the one that is written.
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import logging
 import math
@@ -312,7 +313,9 @@ class WalkFiles:
                 "The clock of this device leapt ahead: recordings are kept by the time before, until it has gone on"
                 " evenly for a day."
             )
-        write_whole(kept, msgspec.json.encode(clock))
+        with contextlib.suppress(OSError):
+            # A disk that is full must not keep old files from being removed.
+            write_whole(kept, msgspec.json.encode(clock))
         return clock.trusted_s
 
 

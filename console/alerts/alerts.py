@@ -135,8 +135,8 @@ class Alerts:
 
     def views(self, device_id: str | None = None) -> list[dict[str, Any]]:
         """Return them as plain data for JSON."""
-        wall_s = self._store.wall_s()
-        return [_view(each, self.rules[each.record.kind], wall_s) for each in self.active(device_id)]
+        now_s, wall_s = self._hub.now_s(), self._store.wall_s()
+        return [_view(each, self.rules[each.record.kind], now_s, wall_s) for each in self.active(device_id)]
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call ``listener`` whenever alerts change, from whichever thread; return what ends that."""
@@ -447,8 +447,8 @@ def _updated(record: AlertRecord, life: Life, changes: tuple[Change, ...], wall_
     )
 
 
-def _view(alert: Alert, rule: Rule, wall_s: float) -> dict[str, Any]:
-    record = alert.record
+def _view(alert: Alert, rule: Rule, now_s: float, wall_s: float) -> dict[str, Any]:
+    record, shelved_until_s = alert.record, alert.life.shelved_until_s
     return {
         "id": record.alert_id,
         "device_id": record.device_id,
@@ -466,7 +466,7 @@ def _view(alert: Alert, rule: Rule, wall_s: float) -> dict[str, Any]:
         "times": record.times,
         "acknowledged_by": record.acknowledged_by if record.acknowledged_at_s is not None else "",
         "note": record.note,
-        "shelf_left_s": None if record.shelved_until_s is None else max(0.0, record.shelved_until_s - wall_s),
+        "shelf_left_s": None if shelved_until_s is None else max(0.0, shelved_until_s - now_s),
         "shelved_by": record.shelved_by,
         "shelf_reason": record.shelf_reason,
         "incident_id": record.incident_id,

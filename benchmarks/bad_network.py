@@ -3,8 +3,8 @@
     sudo python -m benchmarks.bad_network [--rounds 6] [--cycles 150]
 
 A device in lock step and a console, both real processes, in the network namespaces of the tests
-(tests/network_rooms.py), which need root. Blocks of cycles under each network follow one another, so that a busy machine
-is busy for all alike.
+(tests/network_rooms.py), which need root. Blocks of cycles under each network follow one another, so that a busy
+machine is busy for all alike.
 """
 
 from __future__ import annotations

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -32,6 +33,12 @@ def console(rooms: Rooms, small_site: Site, tmp_path: Path) -> Iterator[ConsoleP
     console = ConsoleProcess(tmp_path / "site", tmp_path, CONSOLE_IP, ("ip", "netns", "exec", rooms.console))
     yield console
     console.kill()
+
+
+def with_another_clock() -> tuple[str, ...]:
+    """Return what runs a command on a machine that has been on for two months longer, where the kernel can do that."""
+    command = ("unshare", "--time", "--monotonic", "5000000", "--boottime", "5000000")
+    return command if subprocess.run([*command, "true"], check=False, capture_output=True).returncode == 0 else ()
 
 
 Dial = Callable[..., Victim]

@@ -156,7 +156,7 @@ class Accounts:
         now_s = self._store.wall_s()
         if row is None or user is None or not _goes_on(row, user, now_s):
             return None
-        if now_s - row.last_seen_at_s > SEEN_STEP_S:
+        if abs(now_s - row.last_seen_at_s) > SEEN_STEP_S:
             self._note_seen(row.token_hash, now_s)
         return SignedIn(row.token_hash, user.id, user.name, _role(user.role))
 
@@ -272,7 +272,11 @@ class Accounts:
 
     def _open_link(self, session: Session, token: str) -> OneTimeLinkRow:
         link = session.get(OneTimeLinkRow, hash_of_token(token))
-        if link is None or link.used_at_s is not None or link.expires_at_s < self._store.wall_s():
+        if link is None or link.used_at_s is not None:
+            raise NotFoundError(_BAD_LINK)
+        now_s = self._store.wall_s()
+        # Nor does one hold that was made while the clock was far ahead.
+        if now_s > link.expires_at_s or now_s < link.created_at_s - LINK_VALID_S:
             raise NotFoundError(_BAD_LINK)
         return link
 
@@ -341,8 +345,10 @@ def _take_back(attempts: list[tuple[SignInLimit, Attempt]]) -> None:
 
 def _goes_on(row: SessionRow, user: UserRow, now_s: float) -> bool:
     """Whether a session is neither too old, nor too long unused, nor of somebody who is locked out."""
-    is_fresh = now_s - row.created_at_s <= SESSION_LONGEST_S and now_s - row.last_seen_at_s <= SESSION_IDLE_S
-    return is_fresh and user.disabled_at_s is None
+    # Either way: a session that was begun while the clock was years ahead is not to last for years.
+    is_young = abs(now_s - row.created_at_s) <= SESSION_LONGEST_S
+    is_used = abs(now_s - row.last_seen_at_s) <= SESSION_IDLE_S
+    return is_young and is_used and user.disabled_at_s is None
 
 
 def _void_links(session: Session, user_id: int) -> None:

@@ -9,9 +9,11 @@ import argparse
 import os
 import sys
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from console.backup_commands import add_backup_commands, data_folder_of
 from console.config import ConsoleConfig
 from navcore.errors import InputError
 
@@ -47,6 +49,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.set_defaults(run=run_console)
     below = parser.add_subparsers(metavar="COMMAND", required=False)
     _add_token_command(below)
+    add_backup_commands(below, partial(_add_places, default=argparse.SUPPRESS))
     link = below.add_parser("admin-link", help="print a one-time link that makes one more admin")
     _add_places(link, argparse.SUPPRESS)
     link.set_defaults(run=run_admin_link)
@@ -180,7 +183,7 @@ def config_of(arguments: argparse.Namespace) -> ConsoleConfig:
     """Return the configuration that the command line asks for."""
     return ConsoleConfig(
         site_folder=arguments.site,
-        data_folder=_data_folder(arguments),
+        data_folder=data_folder_of(arguments),
         host=arguments.host,
         port=arguments.port,
         tls_certificate=arguments.tls_cert,
@@ -191,23 +194,15 @@ def config_of(arguments: argparse.Namespace) -> ConsoleConfig:
 
 
 def _open_store(arguments: argparse.Namespace) -> Store:
+    from console.folder_restore import finish_restore
     from console.store import Store
     from navcore.site import map_checksum
 
+    finish_restore(data_folder_of(arguments))
     if arguments.data is None and arguments.site is not None:
         # A mistyped site must not get a database of its own.
         map_checksum(arguments.site)
-    return Store.open(_data_folder(arguments))
-
-
-def _data_folder(arguments: argparse.Namespace) -> Path:
-    if arguments.data is not None:
-        return Path(arguments.data)
-    if arguments.site is None:
-        raise InputError("Which console? Name the site's folder with --site DIR, or the database's with --data DIR.")
-    from console.opening import default_data_folder
-
-    return default_data_folder(arguments.site)
+    return Store.open(data_folder_of(arguments))
 
 
 def _port(text: str) -> int:

@@ -16,6 +16,14 @@ from navcore.errors import InputError
 from navcore.planning.poi_graph import PoiGraph
 
 
+def graph_key(site_id: str, map_sha256: str) -> str:
+    """Return under which id the edits of a site are stored.
+
+    Places are coordinates of one map: a map that was built anew is another site, and starts from its own graph.
+    """
+    return f"{site_id}@{map_sha256[:16]}"
+
+
 class StoredGraphLog:
     """The edits and publications of one site: a :class:`console.graph_log.GraphLog`."""
 

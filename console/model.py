@@ -290,6 +290,23 @@ class SiteModel:
                 self._tell("publish", who)
             return self._published
 
+    def number_beyond(self, version: int) -> None:
+        """Give the published graph, and the draft, numbers above this one: those up to it may stand for other graphs.
+
+        So it is after a restore. A device that runs one of these is offered what is published here, and nobody's page
+        takes an old draft for this one.
+        """
+        with self._lock:
+            draft, published = self._graph, self._published
+            beyond = max(version, draft.version) + 1
+            self._advance(
+                "rollback", SYSTEM, difference(draft, published), target_version=published.version, version=beyond
+            )
+            self._publish_as(SYSTEM)
+            back = difference(published, draft)
+            if not back.is_empty:
+                self._advance("rollback", SYSTEM, back, target_version=draft.version)
+
     # ----------------------------------------------------------------------------------------------- internals
     def _make(
         self,

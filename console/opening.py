@@ -7,14 +7,15 @@ from pathlib import Path
 
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
-from console.graph_store import StoredGraphLog
+from console.folder_restore import finish_restore
+from console.graph_store import StoredGraphLog, graph_key
 from console.hub import DeviceHub
 from console.model import SiteModel
 from console.secrets_kept import new_token
 from console.services import Services, build_services
 from console.store import Store
 from navcore.errors import InputError
-from navcore.site import load_site, map_checksum
+from navcore.site import Site, load_site, map_checksum
 from navcore.site_files import clear_half_written
 
 
@@ -26,13 +27,22 @@ def default_data_folder(site_folder: Path) -> Path:
 
 def open_services(config: ConsoleConfig) -> Services:
     """Open site and database. Raises SiteError or InputError with what is wrong."""
+    finish_restore(config.data_folder)
     site = load_site(config.site_folder)
     clear_half_written(config.site_folder)
     store = Store.open(config.data_folder)
-    # Places are coordinates of one map: a map that was built anew is another site, and starts from its own graph.
-    key = f"{site.site_id}@{map_checksum(config.site_folder)[:16]}"
-    model = SiteModel(site, StoredGraphLog(store, key, site.name), config.site_folder, store.wall_s)
-    return build_services(config, store, model, DeviceHub(wall_s=store.wall_s))
+    try:
+        model = open_model(store, site, config.site_folder)
+        return build_services(config, store, model, DeviceHub(wall_s=store.wall_s))
+    except BaseException:
+        store.close()
+        raise
+
+
+def open_model(store: Store, site: Site, site_folder: Path) -> SiteModel:
+    """Return draft and published graph of a site. Raises InputError where the log of edits cannot be read."""
+    key = graph_key(site.site_id, map_checksum(site_folder))
+    return SiteModel(site, StoredGraphLog(store, key, site.name), site_folder, store.wall_s)
 
 
 def _make_token_file(path: Path) -> None:

@@ -3,6 +3,8 @@
 Each store that keeps something of them offers ``delete_before(wall_s) -> int``, and raises UndeletedError for what it
 could not delete: that is shown on the page Privacy, and tried again an hour later. The map, recordings of map walks
 (which show a building, and who walked there to record it), and accounts are not deleted here.
+
+A clock that leaps ahead deletes nothing by that: see :mod:`navcore.clock_trust`.
 """
 
 from __future__ import annotations
@@ -10,19 +12,28 @@ from __future__ import annotations
 import json
 import logging
 import threading
+import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+
+import msgspec
 
 from console.errors import BadRequestError
 from console.store import Store
 from console.tables import KeptValueRow
+from navcore.clock_trust import ClockTrust, looked_at
 from navcore.errors import VbrError
 
 DEFAULT_DAYS = 7
 MIN_DAYS, MAX_DAYS = 1, 365
 EVERY_S = 3600.0
 _DAY_S = 86_400.0
-_KEPT_AS = "retention_days"
+_KEPT_AS, _CLOCK_KEPT_AS = "retention_days", "retention_clock"
+_LEAPT = (
+    "The clock of the console's machine shows {shown}, and by all that is known it is not later than {trusted} yet."
+    " Until it has gone on evenly for a day, things are deleted by the earlier of the two. If the clock is right, an"
+    " admin may choose Delete now."
+)
 _log = logging.getLogger(__name__)
 
 DeleteBefore = Callable[[float], int]
@@ -53,9 +64,18 @@ class RetentionRun:
 class Retention:
     """Deletes what is too old. All methods may be called from any thread."""
 
-    def __init__(self, store: Store, kinds: Mapping[str, DeleteBefore]) -> None:
-        """``kinds`` tells how each kind of thing is deleted, by its name for people."""
-        self._store, self._kinds = store, kinds
+    def __init__(
+        self,
+        store: Store,
+        kinds: Mapping[str, DeleteBefore],
+        steady_s: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
+    ) -> None:
+        """``kinds`` tells how each kind of thing is deleted, by its name for people.
+
+        ``steady_s`` is a clock that nobody sets, and that goes on while the machine sleeps.
+        """
+        self._store, self._kinds, self._steady_s = store, kinds, steady_s
+        self._looked_s: float | None = None
         self._running = threading.Lock()
         self.last_run: RetentionRun | None = None
         """None before the first."""
@@ -78,16 +98,17 @@ class Retention:
         self.run()
 
     def delete_now(self, by: str) -> RetentionRun:
-        """Delete what is too old, because somebody asks for it."""
+        """Delete what is too old by this machine's clock, because somebody asks for it."""
+        believe_clock(self._store)
         self._store.audit(by, "retention_run", f"older than {self.days} days")
         return self.run()
 
     def run(self) -> RetentionRun:
         """Delete what is too old; what cannot be deleted is said, and hinders nothing else."""
         with self._running:
-            now_s = self._store.wall_s()
-            before_s = now_s - self.days * _DAY_S
-            deleted, problems = dict[str, int](), list[str]()
+            clock = self._look_at_clock()
+            now_s, before_s = clock.shown_s, clock.trusted_s - self.days * _DAY_S
+            deleted, problems = dict[str, int](), _said_of(clock)
             for kind, delete_before in self._kinds.items():
                 try:
                     deleted[kind] = delete_before(before_s)
@@ -104,6 +125,15 @@ class Retention:
             self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))
             return self.last_run
 
+    def _look_at_clock(self) -> ClockTrust:
+        now_s, steady_s = self._store.wall_s(), self._steady_s()
+        passed_s = None if self._looked_s is None else steady_s - self._looked_s
+        self._looked_s = steady_s
+        before = _kept_clock(self._store)
+        clock = ClockTrust(now_s, now_s) if before is None else looked_at(before, now_s, passed_s)
+        _keep_clock(self._store, clock)
+        return clock
+
     def _wipe(self) -> list[str]:
         """Wipe the traces of what was deleted, at each run: an earlier one may have been hindered, or cut off."""
         try:
@@ -113,3 +143,33 @@ class Retention:
             _log.exception("the database's log could not be emptied")
             return [f"Traces of what was deleted are wiped at the next run: {error or type(error).__name__}."]
         return ["The database is being read: traces of what was deleted are wiped at the next run."]
+
+
+def believe_clock(store: Store) -> None:
+    """Take the time for what the machine's clock shows: somebody has looked at it, or a restore begins with it."""
+    now_s = store.wall_s()
+    _keep_clock(store, ClockTrust(now_s, now_s))
+
+
+def _kept_clock(store: Store) -> ClockTrust | None:
+    with store.reading() as session:
+        row = session.get(KeptValueRow, _CLOCK_KEPT_AS)
+    return None if row is None else msgspec.json.decode(row.value_json, type=ClockTrust)
+
+
+def _keep_clock(store: Store, clock: ClockTrust) -> None:
+    with store.writing() as session:
+        session.merge(KeptValueRow(name=_CLOCK_KEPT_AS, value_json=msgspec.json.encode(clock).decode()))
+
+
+def _said_of(clock: ClockTrust) -> list[str]:
+    if clock.even_for_s is None:
+        return []
+    return [_LEAPT.format(shown=_date(clock.shown_s), trusted=_date(clock.trusted_s))]
+
+
+def _date(unix_s: float) -> str:
+    try:
+        return time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(unix_s))
+    except (OverflowError, ValueError, OSError):
+        return "no date that there is"

@@ -138,9 +138,6 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         watching.look()
         late_audit.write()
 
-    def close_void_links() -> None:
-        close_what_is_over(device_sockets, devices.void, device_sockets.close)
-
     def look_who_is_signed_in() -> None:
         close_what_is_over(sockets, accounts.over, session_ended)
         accounts.note_used(sockets.session_ids())
@@ -158,14 +155,12 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     hub.on_command = commanded
     accounts = Accounts(store, hub.now_s, session_ended)
     devices = DeviceStore(store)
+    close_void_links = partial(close_what_is_over, device_sockets, devices.void, device_sockets.close)
     settings = SettingsStore(store)
     tuning = Tuning(settings, hub)
     recordings = Recordings(config.data_folder / "recordings", store.wall_s)
     walks = PastWalks(recordings)
     walk_library, what_ifs = WalkLibrary(walks), WhatIfs(walks, config.data_folder / "what-if")
-
-    def forget_away() -> None:
-        hub.forget_away(but_for=alerts.concerned_ids())
 
     alert_store = AlertStore(store)
     incidents = Incidents(config.data_folder / "incidents", hub, store.wall_s)
@@ -185,11 +180,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     retention = Retention(store, kept_of_walkers)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
-
-    def device_settings() -> list[dict[str, SettingValue]]:
-        return [tuning.running_values(device) for device in hub.devices() if device.connected]
-
-    checks = MapChecks(model, surveys, device_settings=device_settings)
+    checks = MapChecks(model, surveys, device_settings=partial(_running_settings, tuning, hub))
     return Services(
         config=config,
         store=store,
@@ -229,9 +220,17 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
             Repeating("retention", EVERY_S, retention.run),
             Repeating("watching", LOOK_EVERY_S, look_who_watches),
             Repeating("signed in", LOOK_WHO_IS_SIGNED_IN_EVERY_S, look_who_is_signed_in),
-            Repeating("away devices", EVERY_S, forget_away),
+            Repeating("away devices", EVERY_S, partial(_forget_away, hub, alerts)),
         ),
     )
+
+
+def _running_settings(tuning: Tuning, hub: DeviceHub) -> list[dict[str, SettingValue]]:
+    return [tuning.running_values(device) for device in hub.devices() if device.connected]
+
+
+def _forget_away(hub: DeviceHub, alerts: Alerts) -> None:
+    hub.forget_away(but_for=alerts.concerned_ids())
 
 
 def _delete_events_before(devices: DeviceStore, hub: DeviceHub, wall_s: float) -> int:

@@ -18,6 +18,7 @@ from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect
 from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
+from console.data_lock import DataLock
 from console.disk_reserve import put_by, release
 from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
 from navcore.errors import InputError
@@ -28,6 +29,10 @@ _WRITES = "vbr_writes"
 _LOCK_WAIT_MS = 10_000
 """So long whoever reads or writes waits for another process."""
 _EMPTYING_WAIT_MS = 100
+_UNOPENED = (
+    "The database {where} cannot be opened ({why}): see whether its folder is writable and the disk has room, or name"
+    " another folder with --data."
+)
 
 
 class Store:
@@ -36,8 +41,11 @@ class Store:
     ``wall_s`` is the clock of every date that is stored.
     """
 
-    def __init__(self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time) -> None:
-        self.wall_s = wall_s
+    def __init__(
+        self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time, lock: DataLock | None = None
+    ) -> None:
+        """``lock`` is held as long as the database is open."""
+        self.wall_s, self._lock = wall_s, lock
         self._engine = engine
         self._writing_engine = engine.execution_options(**{_WRITES: True})
         self._write_lock = threading.RLock()
@@ -52,14 +60,14 @@ class Store:
         except OSError as error:
             raise InputError(f"The folder {folder} cannot be made ({error}): name another with --data.") from error
         try:
-            store = Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
-        except InputError as error:
-            if not (isinstance(error.__cause__, OperationalError) and release(folder)):
-                raise
-            _log.error("%s What was put by for this is used up: free the disk now.", error)
-            return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s)
-        put_by(folder)
-        return store
+            lock = DataLock(folder)
+        except OSError as error:
+            raise InputError(_UNOPENED.format(where=path, why=error)) from error
+        try:
+            return _opened(folder, wall_s, lock)
+        except BaseException:
+            lock.close()
+            raise
 
     @contextmanager
     def reading(self) -> Iterator[Session]:
@@ -119,6 +127,26 @@ class Store:
     def close(self) -> None:
         """Close the database."""
         self._engine.dispose()
+        if self._lock is not None:
+            self._lock.close()
+
+
+def _opened(folder: Path, wall_s: Callable[[], float], lock: DataLock) -> Store:
+    """Open the database; on a full disk by the room that was put by for it."""
+    path = folder / DATABASE_FILE
+
+    def opened() -> Store:
+        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s, lock)
+
+    try:
+        store = opened()
+    except InputError as error:
+        if not (isinstance(error.__cause__, OperationalError) and release(folder)):
+            raise
+        _log.error("%s What was put by for this is used up: free the disk now.", error)
+        return opened()
+    put_by(folder)
+    return store
 
 
 def _sqlite_engine(url: str) -> Engine:
@@ -154,10 +182,7 @@ def _prepare_schema(engine: Engine, where: str) -> None:
                 connection.execute(update(SchemaRow).values(version=SCHEMA_VERSION))
                 version = SCHEMA_VERSION
     except OperationalError as error:
-        raise InputError(
-            f"The database {where} cannot be opened ({error.orig}): see whether its folder is writable and the disk has"
-            " room, or name another folder with --data."
-        ) from error
+        raise InputError(_UNOPENED.format(where=where, why=error.orig)) from error
     except DatabaseError as error:
         raise InputError(
             f"The database {where} is damaged ({error.orig}): restore it from a backup, or name another folder with"

@@ -20,6 +20,7 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed, InvalidStatus, WebSocketException
 
 from device_agent.journal import EventJournal
+from device_agent.link_loop import LinkLoop
 from device_agent.link_settings import LinkedDevice, LinkRefusedError, LinkSettings
 from device_agent.link_state import LinkCondition, LinkState
 from device_agent.logged_uplink import log_event
@@ -92,7 +93,7 @@ class ConsoleLink:
         """Called in the link's thread when the link stands otherwise, or the clocks' offset is another."""
         self.open_walk: Callable[[], Path | None] = lambda: None
         """Tells which file of a walk is being written; set before the start."""
-        self._loop = asyncio.new_event_loop()
+        self._loop = LinkLoop()
         self._something_to_send = asyncio.Event()
         self._something_to_upload = asyncio.Event()
         self._sent_sequence = self._confirmed_sequence = 0

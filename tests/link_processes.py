@@ -11,7 +11,7 @@ import subprocess
 import sys
 import tempfile
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -42,9 +42,10 @@ def quick_folder(otherwise: Path) -> Iterator[Path]:
 class Victim:
     """A process that is told things line by line, and tells things line by line."""
 
-    def __init__(self, script: str, *arguments: object) -> None:
+    def __init__(self, script: str, *arguments: object, within: Sequence[str] = ()) -> None:
+        """``within`` is a command that runs another one, as ``ip netns exec NAME``."""
         self._process = subprocess.Popen(
-            [sys.executable, str(HERE / script), *map(str, arguments)],
+            [*within, sys.executable, str(HERE / script), *map(str, arguments)],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=surroundings(),
         )  # fmt: skip
         self._said: queue.Queue[str] = queue.Queue()
@@ -71,6 +72,12 @@ class Victim:
         self._reader.join()
         return list(self._said.queue)
 
+    def ended(self, timeout_s: float = WAIT_S) -> int:
+        """Wait until it has ended by itself; return its exit code."""
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        return self._process.wait(timeout_s)
+
     def kill(self) -> None:
         """Kill it as ``kill -9`` does."""
         self._process.send_signal(signal.SIGKILL)
@@ -89,8 +96,8 @@ class Victim:
 class ConsoleProcess:
     """A console that comes back on the same port with the same data."""
 
-    def __init__(self, site: Path, folder: Path) -> None:
-        self._site, self._folder = site, folder
+    def __init__(self, site: Path, folder: Path, host: str = "127.0.0.1", within: Sequence[str] = ()) -> None:
+        self._site, self._folder, self._host, self._within = site, folder, host, within
         self._token_file = folder / "glasses.token"
         self.token = new_token()
         self._token_file.write_text(self.token, encoding="ascii")
@@ -99,7 +106,10 @@ class ConsoleProcess:
 
     def start(self) -> None:
         """Serve; returns when requests are taken."""
-        self._victim = Victim("link_console_victim.py", self._site, self._folder / "data", self.port, self._token_file)
+        self._victim = Victim(
+            "link_console_victim.py", self._site, self._folder / "data", self.port, self._token_file, self._host,
+            within=self._within,
+        )  # fmt: skip
         self.port = int(self._victim.says().rsplit(":", 1)[1])
         self.first_link = self._victim.says()
 

@@ -63,6 +63,8 @@ class _DueIncident:
     """An incident that is to be kept."""
 
     cause: Cause
+    since_s: float
+    """When it became due, on the steady clock."""
     at_s: float
     """Not before this, on the steady clock."""
 
@@ -135,8 +137,8 @@ class Alerts:
 
     def views(self, device_id: str | None = None) -> list[dict[str, Any]]:
         """Return them as plain data for JSON."""
-        wall_s = self._store.wall_s()
-        return [_view(each, self.rules[each.record.kind], wall_s) for each in self.active(device_id)]
+        now_s, wall_s = self._hub.now_s(), self._store.wall_s()
+        return [_view(each, self.rules[each.record.kind], now_s, wall_s) for each in self.active(device_id)]
 
     def subscribe(self, listener: Listener) -> Callable[[], None]:
         """Call ``listener`` whenever alerts change, from whichever thread; return what ends that."""
@@ -317,7 +319,8 @@ class Alerts:
         record = _updated(before, self._lives[key], changes, wall_s)
         if record.priority is Priority.HIGH and {Change.RAISED, Change.AGAIN, Change.ESCALATED} & set(changes):
             cause = Cause(wall_s, record.kind, record.sentence, record.alert_id)
-            self._due_incidents[key] = _DueIncident(cause, self._hub.now_s())
+            now_s = self._hub.now_s()
+            self._due_incidents[key] = _DueIncident(cause, now_s, now_s)
         self._put(key, record, [AlertStep(record.alert_id, wall_s, change, "", "") for change in changes])
 
     def _keep_incidents(self) -> None:
@@ -334,7 +337,7 @@ class Alerts:
 
     def _keep_later(self, key: Key, due: _DueIncident, error: ConsoleError) -> None:
         with self._lock:
-            passed_s = self._store.wall_s() - due.cause.at_s
+            passed_s = self._hub.now_s() - due.since_s
             if passed_s < KEEP_AGAIN_AFTER_S:
                 _log.error("No incident is kept of %s for now: %s", self._records[key].device_name, error)
             if self._due_incidents.get(key) is not due:
@@ -473,8 +476,8 @@ def _updated(record: AlertRecord, life: Life, changes: tuple[Change, ...], wall_
     )
 
 
-def _view(alert: Alert, rule: Rule, wall_s: float) -> dict[str, Any]:
-    record = alert.record
+def _view(alert: Alert, rule: Rule, now_s: float, wall_s: float) -> dict[str, Any]:
+    record, shelved_until_s = alert.record, alert.life.shelved_until_s
     return {
         "id": record.alert_id,
         "device_id": record.device_id,
@@ -492,7 +495,7 @@ def _view(alert: Alert, rule: Rule, wall_s: float) -> dict[str, Any]:
         "times": record.times,
         "acknowledged_by": record.acknowledged_by if record.acknowledged_at_s is not None else "",
         "note": record.note,
-        "shelf_left_s": None if record.shelved_until_s is None else max(0.0, record.shelved_until_s - wall_s),
+        "shelf_left_s": None if shelved_until_s is None else max(0.0, shelved_until_s - now_s),
         "shelved_by": record.shelved_by,
         "shelf_reason": record.shelf_reason,
         "incident_id": record.incident_id,

@@ -8,6 +8,7 @@ or after some days (:mod:`device_agent.recording.room`). Only recordings are eve
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import logging
 import math
@@ -21,12 +22,16 @@ from importlib import metadata
 from pathlib import Path
 from typing import BinaryIO
 
+import msgspec
+
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
 from device_agent.recording.room import Kept, make_room, map_walks_that_may_go, remove, walks_that_may_go
 from device_agent.recording.transcript import CycleItem, Message, Transcript
+from navcore.clock_trust import ClockTrust, looked_at
 from navcore.errors import InputError
+from navcore.site_files import write_whole
 from navcore.types import CameraIntrinsics, Frame
 from navcore.walk_file import FORMAT_VERSION
 
@@ -35,6 +40,8 @@ FLUSH_EVERY_S = 0.5
 SYNC_EVERY_S = 1.0
 RETRY_AFTER_S = 30.0
 _PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,60})-(?P<part>[0-9]{3,6})\.mcap")
+_CLOCK_FILE = ".clock.json"
+"""What was known of the machine's clock when a file was begun last (navcore.clock_trust)."""
 _MAX_EARLY = 256
 _AFTER_WALK_S = 3.0
 """A walk's last file goes on for so long after it: what is said of its end belongs to it."""
@@ -126,6 +133,7 @@ class WalkFiles:
         self._waiting: list[Message] = []
         """What is told of a cycle comes before it, and goes into its file."""
         self._sync = DiskSync()
+        self._clock_looked_s: float | None = None
         self.rehearsal: Frame | None = None
         """A picture that the localizer saw before the first cycle."""
 
@@ -290,9 +298,9 @@ class WalkFiles:
 
     def _remove_old(self) -> None:
         """Remove what is too old, and make room, so that all files with the next one stay within what is allowed."""
-        options = self._options
+        options, now_s = self._options, self._trusted_s()
         for each in self._that_may_go():
-            if self._wall_s() - each.written_s > options.keep_s:
+            if now_s - each.written_s > options.keep_s:
                 remove(each)
         kept = self._that_may_go()
         most_bytes = options.max_total_bytes - options.max_part_bytes
@@ -317,6 +325,26 @@ class WalkFiles:
                 f"The disk gets full: {gone.other_count} files of old walks, which the console does not have, were"
                 f" removed. Free the disk of {options.folder}, or share walks."
             )
+
+    def _trusted_s(self) -> float:
+        """Return the Unix time by which files are old: a clock that leaps ahead is to delete none by that."""
+        now_s, monotonic_s = self._wall_s(), self._monotonic_s()
+        passed_s = None if self._clock_looked_s is None else monotonic_s - self._clock_looked_s
+        self._clock_looked_s = monotonic_s
+        kept = self._options.folder / _CLOCK_FILE
+        try:
+            clock = looked_at(msgspec.json.decode(kept.read_bytes(), type=ClockTrust), now_s, passed_s)
+        except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
+            clock = ClockTrust(now_s, now_s)
+        if clock.even_for_s == 0.0:
+            self._report(
+                "The clock of this device leapt ahead: recordings are kept by the time before, until it has gone on"
+                " evenly for a day."
+            )
+        with contextlib.suppress(OSError):
+            # A disk that is full must not keep old files from being removed.
+            write_whole(kept, msgspec.json.encode(clock))
+        return clock.trusted_s
 
 
 def _opening(

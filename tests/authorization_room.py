@@ -37,6 +37,11 @@ ORIGIN = f"http://{HOST}"
 COOKIE = "vbr_session_8765"
 DEVICE_ID = "glasses"
 SHA256 = "a" * 64
+VALUES = {
+    "{device_id}": DEVICE_ID, "{user_id}": "999", "{version}": "0", "{what}": "none", "{sha256}": "0" * 64,
+    "{alert_id}": "none", "{incident_id}": "none", "{walk_id}": "none", "{run_id}": "none", "{name}": "none",
+    "{key}": "none", "{road_id}": "none",
+}  # fmt: skip
 ROLES: tuple[Role, ...] = get_args(Role)
 
 
@@ -207,3 +212,10 @@ def requests_of(room: Room) -> dict[str, tuple[str, Any]]:
         "POST /api/device/recordings": ("/api/device/recordings", cloud),
         "PUT /api/device/recordings/{sha256}": (f"/api/device/recordings/{SHA256}?offset=0", b"piece"),
     }  # fmt: skip
+
+
+def filled(path: str) -> str:
+    """Return a path with values in the place of its parameters."""
+    for name, value in VALUES.items():
+        path = path.replace(name, value)
+    return "/static/style.css" if path == "/static" else path

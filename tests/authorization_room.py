@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import msgspec
 from asgi_calls import Answer, AsgiCalls
-from console_room import PASSWORD
+from console_room import PASSWORD, HandClock
 from fastapi import FastAPI
 from viewer_fixtures import RecordingOutlet, connect_device
 from viewer_site import crossing_corridors
@@ -43,16 +43,6 @@ VALUES = {
     "{key}": "none", "{road_id}": "none",
 }  # fmt: skip
 ROLES: tuple[Role, ...] = get_args(Role)
-
-
-class HandClock:
-    """A clock that stands still until it is set on."""
-
-    def __init__(self) -> None:
-        self.s = 1_800_000_000.0
-
-    def __call__(self) -> float:
-        return self.s
 
 
 @dataclass
@@ -99,7 +89,7 @@ def authorization_room(folder: Path) -> Iterator[Room]:
     app = app_of(services)
     scene = install(app, services, visitor_of)
     try:
-        with AsgiCalls(app, HOST) as calls:
+        with AsgiCalls(app) as calls:
             room = Room(services, app, calls, clock, connect_device(services, DEVICE_ID), {}, {})
             _invite(room)
             _gather(room)

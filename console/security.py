@@ -9,7 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 from urllib.parse import quote, urlsplit
 
@@ -85,10 +85,17 @@ def visitor_of(connection: HTTPConnection) -> SignedIn | None:
 class Guard:
     """ASGI middleware that lets through only what the rules permit."""
 
-    def __init__(self, app: ASGIApp, services: Services, rules: Mapping[tuple[str, str], Rule] = RULES) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        services: Services,
+        rules: Mapping[tuple[str, str], Rule] = RULES,
+        now_s: Callable[[], float] = time.monotonic,
+    ) -> None:
         self._app = app
         self._services = services
         self._rules = rules
+        self._now_s = now_s
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Serve one request or WebSocket."""
@@ -96,13 +103,14 @@ class Guard:
             await self._app(scope, receive, send)
             return
         connection = HTTPConnection(scope)
-        sender = _with_headers(send, is_secure(connection)) if scope["type"] == "http" else send
+        is_request = scope["type"] == "http"
+        sender = _with_headers(send, is_secure(connection)) if is_request else send
         try:
             max_body_bytes = await self._admit(connection)
         except ConsoleError as error:
             await _refusal(connection, error)(scope, receive, sender)
             return
-        await self._app(scope, _bounded(receive, max_body_bytes) if scope["type"] == "http" else receive, sender)
+        await self._app(scope, _bounded(receive, max_body_bytes, self._now_s) if is_request else receive, sender)
 
     async def _admit(self, connection: HTTPConnection) -> int:
         """Return how many bytes the body may have."""
@@ -176,9 +184,9 @@ def _check_length(length: int, max_bytes: int) -> None:
         raise TooLargeError(f"This is too large: the console takes {most} at a time here.")
 
 
-def _bounded(receive: Receive, max_bytes: int) -> Receive:
+def _bounded(receive: Receive, max_bytes: int, now_s: Callable[[], float]) -> Receive:
     """Bound what comes without saying beforehand how long it is, and how long it may take to come."""
-    received, is_whole, began_s = 0, False, time.monotonic()
+    received, is_whole, began_s = 0, False, now_s()
 
     async def receive_bounded() -> Message:
         nonlocal received, is_whole
@@ -186,7 +194,7 @@ def _bounded(receive: Receive, max_bytes: int) -> Receive:
             return await receive()
         allowed_s = BODY_PATIENCE_S + received / SLOWEST_BODY_BYTES_PER_S
         try:
-            async with asyncio.timeout(began_s + allowed_s - time.monotonic()):
+            async with asyncio.timeout(began_s + allowed_s - now_s()):
                 message = await receive()
         except TimeoutError as error:
             raise TooSlowError("The rest of this did not come: send it again.") from error

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -19,13 +19,15 @@ class Answer:
     status: int
     headers: Headers
     body: bytes
+    close_code: int | None = None
+    """Of a WebSocket that was not accepted."""
 
 
 class AsgiCalls:
     """Calls an application in a loop of its own. Use as a context."""
 
-    def __init__(self, app: Any, host: str) -> None:
-        self._app, self.host = app, host
+    def __init__(self, app: Any) -> None:
+        self._app = app
         self._runner = asyncio.Runner()
 
     def __enter__(self) -> AsgiCalls:
@@ -35,9 +37,18 @@ class AsgiCalls:
         self._runner.close()
 
     def call(
-        self, method: str, path: str, headers: Mapping[str, str], body: bytes = b"", *, by_tls: bool = False
+        self,
+        method: str,
+        path: str,
+        headers: Mapping[str, str],
+        body: bytes | Iterator[bytes] = b"",
+        *,
+        by_tls: bool = False,
     ) -> Answer:
-        """Make one request; the method ``WS`` opens a WebSocket, and closes it once it is accepted."""
+        """Make one request; the method ``WS`` opens a WebSocket, and closes it once it is accepted.
+
+        Pieces of a body are asked for when the application asks for them, after it has waited.
+        """
         path, _, query = path.partition("?")
         sent = [(name.lower().encode(), value.encode("latin-1")) for name, value in headers.items()]
         scope = {
@@ -49,21 +60,23 @@ class AsgiCalls:
         }  # fmt: skip
         if method == "WS":
             scope["subprotocols"] = headers.get("Sec-WebSocket-Protocol", "").split()
-            incoming = [{"type": "websocket.connect"}, {"type": "websocket.disconnect", "code": 1001}]
+            incoming = iter([{"type": "websocket.connect"}, {"type": "websocket.disconnect", "code": 1001}])
         else:
             scope["method"] = method
-            incoming = [{"type": "http.request", "body": body, "more_body": False}]
+            incoming = _messages(body)
         return self._runner.run(asyncio.wait_for(self._exchange(scope, incoming), _LONGEST_S))
 
-    async def _exchange(self, scope: dict[str, Any], incoming: list[dict[str, Any]]) -> Answer:
+    async def _exchange(self, scope: dict[str, Any], incoming: Iterator[dict[str, Any]]) -> Answer:
         sent: list[dict[str, Any]] = []
         stays = asyncio.Event()
 
         async def receive() -> dict[str, Any]:
-            if not incoming:
-                # Whoever has sent all of a request waits for the answer.
-                await stays.wait()
-            return incoming.pop(0)
+            await asyncio.sleep(0)
+            for message in incoming:
+                return message
+            # Whoever has sent all of a request waits for the answer.
+            await stays.wait()
+            raise AssertionError
 
         async def send(message: dict[str, Any]) -> None:
             sent.append(message)
@@ -71,9 +84,17 @@ class AsgiCalls:
         await self._app(scope, receive, send)
         if scope["type"] == "websocket":
             first = sent[0] if sent else {"type": "nothing"}
-            return Answer(
-                101 if first["type"] == "websocket.accept" else 403, Headers(), first.get("reason", "").encode()
-            )
+            status = 101 if first["type"] == "websocket.accept" else 403
+            return Answer(status, Headers(), first.get("reason", "").encode(), first.get("code"))
         start = sent[0]
         body = b"".join(message.get("body", b"") for message in sent[1:])
         return Answer(start["status"], Headers(raw=list(start["headers"])), body)
+
+
+def _messages(body: bytes | Iterator[bytes]) -> Iterator[dict[str, Any]]:
+    if isinstance(body, bytes):
+        yield {"type": "http.request", "body": body}
+        return
+    for piece in body:
+        yield {"type": "http.request", "body": piece, "more_body": True}
+    yield {"type": "http.request"}

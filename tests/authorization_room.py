@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import msgspec
 from asgi_calls import Answer, AsgiCalls
-from console_room import PASSWORD
+from console_room import PASSWORD, HandClock
 from fastapi import FastAPI
 from viewer_fixtures import RecordingOutlet, connect_device
 from viewer_site import crossing_corridors
@@ -37,17 +37,12 @@ ORIGIN = f"http://{HOST}"
 COOKIE = "vbr_session_8765"
 DEVICE_ID = "glasses"
 SHA256 = "a" * 64
+VALUES = {
+    "{device_id}": DEVICE_ID, "{user_id}": "999", "{version}": "0", "{what}": "none", "{sha256}": "0" * 64,
+    "{alert_id}": "none", "{incident_id}": "none", "{walk_id}": "none", "{run_id}": "none", "{name}": "none",
+    "{key}": "none", "{road_id}": "none",
+}  # fmt: skip
 ROLES: tuple[Role, ...] = get_args(Role)
-
-
-class HandClock:
-    """A clock that stands still until it is set on."""
-
-    def __init__(self) -> None:
-        self.s = 1_800_000_000.0
-
-    def __call__(self) -> float:
-        return self.s
 
 
 @dataclass
@@ -94,7 +89,7 @@ def authorization_room(folder: Path) -> Iterator[Room]:
     app = app_of(services)
     scene = install(app, services, visitor_of)
     try:
-        with AsgiCalls(app, HOST) as calls:
+        with AsgiCalls(app) as calls:
             room = Room(services, app, calls, clock, connect_device(services, DEVICE_ID), {}, {})
             _invite(room)
             _gather(room)
@@ -207,3 +202,10 @@ def requests_of(room: Room) -> dict[str, tuple[str, Any]]:
         "POST /api/device/recordings": ("/api/device/recordings", cloud),
         "PUT /api/device/recordings/{sha256}": (f"/api/device/recordings/{SHA256}?offset=0", b"piece"),
     }  # fmt: skip
+
+
+def filled(path: str) -> str:
+    """Return a path with values in the place of its parameters."""
+    for name, value in VALUES.items():
+        path = path.replace(name, value)
+    return "/static/style.css" if path == "/static" else path

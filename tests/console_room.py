@@ -57,6 +57,16 @@ def serving(
         server.stop()
 
 
+class HandClock:
+    """A clock that stands still until it is set on."""
+
+    def __init__(self) -> None:
+        self.s = 1_800_000_000.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
 class Person:
     """Somebody with a browser: keeps cookies, and says where each request comes from."""
 

@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from authorization_room import DEVICE_ID, Room, authorization_room
-from test_authorization_matrix import IN_GROUP, filled
+from authorization_room import DEVICE_ID, Room, authorization_room, filled
+from authorization_statement import IN_GROUP
 
 from console.api_walks import figures_csv
 from console.pages import static_folder

@@ -12,8 +12,8 @@ from typing import Any
 import msgspec
 import pytest
 from authorization_room import DEVICE_ID, HOST, ORIGIN, Room, authorization_room
+from authorization_statement import IN_GROUP
 from console_room import DEFAULTS, PASSWORD, token_of
-from test_authorization_matrix import IN_GROUP
 
 from navcore.modes import Mode
 from navcore.recording_upload import RecordingOffer

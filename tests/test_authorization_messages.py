@@ -1,7 +1,7 @@
 """Every message of viser, and every message between device and console, × everybody who may send it.
 
-As in test_authorization_matrix, the tables say once more what was decided: a viser with another message, or an order
-that is added, fails here until somebody has decided who may send it.
+As authorization_statement does for routes, the tables say once more what was decided: a viser with another message, or
+an order that is added, fails here until somebody has decided who may send it.
 """
 
 from __future__ import annotations

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import httpx
 import pytest
-from authorization_room import HOST, ORIGIN, HandClock, Room, authorization_room
-from console_room import PASSWORD, serving
+from authorization_room import HOST, ORIGIN, Room, authorization_room
+from console_room import PASSWORD, HandClock, serving
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import argon2
 import pytest
-from console_room import PASSWORD, PRODUCT_HASHER, Person, first_admin, invited, serving, token_of
+from console_room import PASSWORD, PRODUCT_HASHER, HandClock, Person, first_admin, invited, serving, token_of
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection
 
@@ -15,16 +15,6 @@ from console.errors import BadRequestError, ConflictError, NotFoundError, SignIn
 from console.secrets_kept import hash_of_token
 from console.store import Store
 from navcore.site import Site, save_site
-
-
-class HandClock:
-    """A clock that stands still until it is set on."""
-
-    def __init__(self) -> None:
-        self.s = 1_800_000_000.0
-
-    def __call__(self) -> float:
-        return self.s
 
 
 @pytest.fixture

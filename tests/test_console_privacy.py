@@ -528,9 +528,11 @@ def test_it_is_deleted_as_the_console_starts(ada: Person) -> None:
 
 
 def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
-    server: ConsoleServer, ada: Person, ben: Person, tmp_path: Path
+    server: ConsoleServer, ada: Person, ben: Person, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A real console, the real link, and the real loop on fakes of the hardware."""
+    # The device's clock runs many times quicker than the console's: between two pings an order would be too late.
+    monkeypatch.setattr("console.hub.ORDER_HOLDS_S", 1e6)
     token = ada.http.post("/api/tokens", json={"name": "Lead glasses"}).raise_for_status().json()["token"]
     journal = EventJournal(tmp_path / "events.sqlite")
     clock = SteppedClock(100.0)

@@ -23,7 +23,8 @@ from device_agent.calibration_store import CalibrationStore
 from device_agent.device_store import DeviceStore
 from device_agent.journal import EventJournal, refuse_damaged
 from device_agent.map_walk.walk_folder import WalkState, new_walk, read_state, walks_in, write_state
-from device_agent.recording_queues import SENT_FILE, WalkQueue
+from device_agent.recording.settled import SENT_FILE
+from device_agent.recording_queues import WalkQueue
 from device_agent.sharing import Consent
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.planning.poi_graph import PoiGraph

@@ -40,7 +40,8 @@ from device_agent.map_walk.walk_folder import STATE_FILE, WalkState, read_state
 from device_agent.recording import exact
 from device_agent.recording.notes import CycleNotes, Opening
 from device_agent.recording.reading import RecordedPart
-from device_agent.recording_queues import SENT_FILE, WalkQueue
+from device_agent.recording.settled import SENT_FILE
+from device_agent.recording_queues import WalkQueue
 from fuzz import seeds
 from fuzz.bundle import unbundled, write_bundle
 from navcore.cloud_files import read_cloud

@@ -182,8 +182,10 @@ def test_the_walker_chooses_starts_and_stops_with_keys_alone(keyboard: tuple[int
     if "Far end" not in hear("1 of 2."):
         os.write(terminal, b"\x1b[C")
         assert "Far end" in hear("2 of 2.")
+    # Asked for a second press, and anew where this machine is so slow that the question is an old one by then.
     os.write(terminal, b" ")
-    hear("To Far end.")
+    while "To Far end." not in hear("Press again to set off.", "To Far end."):
+        os.write(terminal, b" ")
     os.write(terminal, b"s")
     if "Off duty." not in hear("Stop. No destination.", "Off duty."):
         os.write(terminal, b"s")

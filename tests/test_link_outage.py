@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import gc
 import json
 import os
@@ -323,22 +324,29 @@ def test_guidance_goes_on_while_the_disk_takes_nothing_and_no_event_is_missing(e
     assert held == [f"held {number}" for number in range(101)]
 
 
-def test_guidance_goes_on_while_the_disk_does_not_take_its_settings(tmp_path: Path, small_site: Site) -> None:
+def test_guidance_goes_on_while_the_disk_does_not_take_its_settings(
+    tmp_path: Path, small_site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
     save_site(small_site, tmp_path / "site")
     store = DeviceStore(tmp_path / "state", tmp_path / "site")
     refuse_unwritable(store.state_folder)
-    # Opening a pipe for writing waits until somebody reads, as a disk that hangs does.
-    pipe = tmp_path / "state" / "settings.new"
-    os.mkfifo(pipe)
+    gives_up = threading.Event()
+
+    def hanging(_: int) -> None:
+        """A disk that takes nothing for a while, and then fails."""
+        assert gives_up.wait(60.0)
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
     rig = Rig(store)
     rig.lead_to()
-    rig.agent.submit(ApplySettings(3, {"cues.announce_m": 8.0}))
-    assert set(walked(rig, 100)) == {Action.WALK}
-    assert rig.messages(SettingsRunning)[-1].revision == 3
-    with pipe.open("rb"):
+    with monkeypatch.context() as disk:
+        disk.setattr(os, "fsync", hanging)
+        rig.agent.submit(ApplySettings(3, {"cues.announce_m": 8.0}))
+        assert set(walked(rig, 100)) == {Action.WALK}
+        assert rig.messages(SettingsRunning)[-1].revision == 3
+        gives_up.set()
         rig.agent.settle()
     assert any("could not be kept for the next start" in text for text in rig.events("mode"))
-    pipe.unlink()
     rig.agent.submit(ApplySettings(4, {"cues.announce_m": 9.0}))
     rig.cycles(1)
     rig.agent.settle()

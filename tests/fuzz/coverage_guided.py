@@ -35,8 +35,17 @@ with (
     contextlib.redirect_stderr(io.StringIO()),
     atheris.instrument_imports(include=_OBSERVED, exclude=_COMPILED),
 ):
-    from fuzz.targets import TARGETS, Target
+    from fuzz import targets_wire
+    from fuzz.targets import TARGETS as OF_FILES
+    from fuzz.targets import Form, Target
 
+
+def _of_wire(name: str, read: Callable[[bytes], None]) -> Target:
+    form: Form = "json" if name in ("http_bodies", "edit_made", "page_said") else "binary"
+    return Target(name, form, lambda data, _: read(data), lambda: targets_wire.SEEDS[name])
+
+
+TARGETS = OF_FILES | {name: _of_wire(name, read) for name, read in targets_wire.TARGETS.items()}
 CORPUS = Path(__file__).resolve().parents[1] / "data" / "corpus"
 MAX_BYTES = 1 << 16
 _MEMORY_MIB = 4096

@@ -77,11 +77,12 @@ def check_recordings(
     free = free_bytes(options.folder)
     found = (
         f"{(confirmed_bytes + other_bytes) / _GIB:.1f} GiB, of which the console has {confirmed_bytes / _GIB:.1f};"
-        f" {free / _GIB:.1f} GiB free, and old ones go below {options.keep_free_bytes / _GIB:.1f}"
+        f" {free / _GIB:.1f} GiB free; what the console has goes below {options.keep_free_bytes / _GIB:.1f},"
+        f" and the rest below {options.reserve_bytes / _GIB:.2f}"
     )
     if free + confirmed_bytes >= options.keep_free_bytes:
         return ok(found)
-    advice = "share walks (`--share-walks`), or move them elsewhere: the oldest go, and the console does not have them"
+    advice = "share walks (`--share-walks`), or move them elsewhere: they go next, and the console does not have them"
     return warning(
         found,
         advice if other_bytes else f"free the disk: no recording is left to go; {largest_folders(options.folder)}",

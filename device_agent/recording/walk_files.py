@@ -27,7 +27,7 @@ import msgspec
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
-from device_agent.recording.room import Kept, make_room, map_walks_that_may_go, remove, walks_that_may_go
+from device_agent.recording.room import Kept, could_free, make_room, map_walks_that_may_go, remove, walks_that_may_go
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.clock_trust import ClockTrust, looked_at
 from navcore.errors import InputError
@@ -313,17 +313,25 @@ class WalkFiles:
         )
 
     def _make_room(self) -> None:
-        """Remove old recordings until so much of the disk is free as is to be kept free."""
+        """Remove old recordings: what the console has for what is to be kept free, others only to go on recording."""
         self._room_made_s = self._monotonic_s()
         if not self._wants_room():
             return
+        walks = self._that_may_go()
+        confirmed = [each for each in walks if each.confirmed]
+        make_room([*confirmed, *map_walks_that_may_go(self._options.map_walks)], lambda: not self._wants_room())
+        if self._is_full():
+            self._lose([each for each in walks if not each.confirmed])
+
+    def _lose(self, walks: list[Kept]) -> None:
+        """Remove walks that are nowhere else, as many as recording needs; none where somebody else fills the disk."""
         options = self._options
-        kept = [*self._that_may_go(), *map_walks_that_may_go(options.map_walks)]
-        gone = make_room(kept, lambda: not self._wants_room())
-        if gone.other_count:
+        if not could_free(walks, options.reserve_bytes - self._free_bytes(options.folder)):
+            return
+        if count := make_room(walks, lambda: not self._is_full()):
             self._report(
-                f"The disk gets full: {gone.other_count} files of old walks, which the console does not have, were"
-                f" removed. Free the disk of {options.folder}, or share walks."
+                f"The disk is full: {count} files of old walks, which the console does not have, were removed. Free"
+                f" the disk of {options.folder}, or share walks."
             )
 
     def _trusted_s(self) -> float:

@@ -6,7 +6,6 @@ import contextlib
 import os
 import shutil
 import ssl
-import subprocess
 import time
 from collections.abc import Callable
 from email.utils import parsedate_to_datetime
@@ -116,24 +115,14 @@ class ClockWatch:
         synchronised = is_synchronised()
         if synchronised is None:
             return warning(
-                f"{found}; whether it is synchronised is not known", "run `sudo apt install systemd-timesyncd`"
+                f"{found}; whether it is synchronised is not known",
+                "let the program ask the kernel (adjtimex), or see `timedatectl`",
             )
         if not synchronised:
             return warning(
                 f"{found}; it is not synchronised", "run `sudo timedatectl set-ntp true`, and connect to a network once"
             )
         return ok(f"{found}, synchronised")
-
-
-def clock_is_synchronised() -> bool | None:
-    """Ask systemd; None where there is none to be asked."""
-    with contextlib.suppress(OSError, subprocess.SubprocessError):
-        done = subprocess.run(
-            ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
-            capture_output=True, text=True, timeout=5.0, check=True,
-        )  # fmt: skip
-        return {"yes": True, "no": False}.get(done.stdout.strip())
-    return None
 
 
 def check_link(

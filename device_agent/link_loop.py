@@ -38,10 +38,19 @@ class LinkLoop(asyncio.SelectorEventLoop):
         question = (host, port, family, type, proto, flags)
         answer = self._asked.get(question)
         if answer is None:
-            answer = self._asked[question] = self.create_future()
-            threading.Thread(target=self._look_up, args=(question, answer), name="look-up", daemon=True).start()
+            answer = self.create_future()
+            self._begin(question, answer)
+            # Only once somebody is on it: it is settled here, and not before this returns to the loop.
+            self._asked[question] = answer
         # Who gives up waiting takes the answer from nobody else.
         return await asyncio.shield(answer)
+
+    def _begin(self, question: _Question, answer: asyncio.Future[_Answer]) -> None:
+        try:
+            threading.Thread(target=self._look_up, args=(question, answer), name="look-up", daemon=True).start()
+        except RuntimeError as error:
+            # No memory, or too many threads: the link tries again, as with a network that is away.
+            raise socket.gaierror(socket.EAI_AGAIN, f"No name can be looked up: {error}") from error
 
     def _look_up(self, question: _Question, answer: asyncio.Future[_Answer]) -> None:
         found: _Answer | OSError

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from navcore.errors import RecordingError
+from navcore.jpeg_size import jpeg_size_px
 
 _IMAGE_ENDS = ((b"\xff\xd8", b"\xff\xd9"), (b"\x89PNG", b"IEND"))
 """How a whole JPEG or PNG file begins, and what stands at its end."""
@@ -21,10 +22,6 @@ MAX_PICTURE_BYTES = 64 << 20
 MAX_PIXEL_COUNT = 1 << 25
 """A picture of 8K has fewer. Looked at before a picture is decoded: a few bytes can claim to be gigabytes."""
 _PNG_SIZE = struct.Struct(">8x4x4sII")
-_JPEG_SEGMENT = struct.Struct(">BBH")
-_JPEG_SIZE = struct.Struct(">xHH")
-_JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
-"""Markers of the segment that says how large a JPEG picture is."""
 
 
 def read_image(path: Path, how: int) -> NDArray[Any] | None:
@@ -40,20 +37,12 @@ def read_image(path: Path, how: int) -> NDArray[Any] | None:
 
 
 def _pixel_count(data: bytes) -> int:
-    """Return what a picture says of its size. Raises struct.error where it ends before that."""
+    """Return what a picture says of its size; 0 of none. Raises struct.error where a PNG ends before that."""
     if data.startswith(b"\x89PNG"):
         kind, width_px, height_px = _PNG_SIZE.unpack_from(data)
         return int(width_px * height_px) if kind == b"IHDR" else 0
-    offset = 2
-    while True:
-        sign, marker, length = _JPEG_SEGMENT.unpack_from(data, offset)
-        if sign != 0xFF:
-            return 0
-        if marker in _JPEG_FRAMES:
-            height_px, width_px = _JPEG_SIZE.unpack_from(data, offset + _JPEG_SEGMENT.size)
-            return int(width_px * height_px)
-        # Bytes that fill up the space before a marker are one each.
-        offset += 1 if marker == 0xFF else 2 + length
+    width_px, height_px = jpeg_size_px(data) or (0, 0)
+    return width_px * height_px
 
 
 def is_inside(file: Path, folder: Path) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import inspect
 import os
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -21,8 +23,9 @@ from console.retention import DEFAULT_DAYS, EVERY_S, Retention
 from console.store import Store
 from console.tables import AuditRow
 from device_agent.recording.options import RecordingOptions
-from device_agent.recording.walk_files import parts_in
+from device_agent.recording.walk_files import WalkFiles, parts_in
 from navcore.clock_trust import EVEN_FOR_S, LEAP_S, LONGEST_OFF_S, ClockTrust, looked_at
+from navcore.machine_clock import since_boot_s
 from navcore.modes import Mode
 from navcore.site import Site, save_site
 
@@ -35,12 +38,13 @@ NOW_S = 1_795_000_000.0
 def test_no_more_time_is_believed_than_has_passed_before_a_clock_has_gone_on_evenly(
     leaps: list[tuple[float, float]],
 ) -> None:
-    clock, now_s, passed_s = ClockTrust(NOW_S, NOW_S), NOW_S, 0.0
+    clock, now_s, latest_s = ClockTrust(NOW_S, NOW_S), NOW_S, NOW_S
     for leap_s, step_s in leaps:
-        now_s, passed_s, before = now_s + leap_s + step_s, passed_s + step_s, clock
-        clock = looked_at(before, now_s, step_s)
+        now_s += leap_s + step_s
+        clock = looked_at(clock, now_s, step_s)
         assert clock.trusted_s <= now_s + 1e-3
-        assert clock.trusted_s <= before.trusted_s + step_s + LEAP_S + 1e-3
+        assert clock.trusted_s <= latest_s + step_s + LEAP_S + 1e-3
+        latest_s = max(latest_s + step_s, clock.trusted_s)
         assert (clock.even_for_s is None) == (clock.trusted_s == now_s)
 
 
@@ -65,6 +69,54 @@ def test_a_machine_that_was_off_for_a_night_is_believed_and_one_off_for_weeks_af
         now_s, starts = now_s + 7 * DAY_S, starts + 1
         clock = looked_at(clock, now_s, None)
     assert starts == 3
+
+
+BEGINS_AT_S = {"in 1970": lambda ended_s: 5.0, "where it ended": lambda ended_s: ended_s + 5.0}
+
+
+@pytest.mark.parametrize("begins_at", BEGINS_AT_S)
+@pytest.mark.parametrize(("off_s", "days"), [(DAY_S, 4), (10 * DAY_S, 40)], ids=["each day", "each ten days"])
+def test_a_machine_without_a_clock_of_its_own_is_believed_after_some_starts_and_for_good(
+    begins_at: str, off_s: float, days: float
+) -> None:
+    """Two hours at a time, and each time the network tells the time after ten seconds; nothing says that it did."""
+    clock, now_s, ended_s = ClockTrust(5.0, 5.0), NOW_S, 0.0
+    for start in range(30):
+        clock = looked_at(clock, BEGINS_AT_S[begins_at](ended_s), None)
+        assert clock.trusted_s <= clock.shown_s
+        for passed_s in (10.0, *12 * [600.0]):
+            now_s += passed_s
+            clock = looked_at(clock, now_s, passed_s)
+            assert clock.trusted_s <= now_s
+            late_s = now_s - clock.trusted_s
+            if start * off_s > days * DAY_S:
+                assert late_s <= (0.0 if off_s <= LONGEST_OFF_S else 30 * DAY_S)
+        ended_s, now_s = now_s, now_s + off_s - 2 * HOUR_S
+
+
+def test_a_clock_that_is_set_back_keeps_what_was_known_and_is_believed_itself_after_a_day() -> None:
+    clock = looked_at(ClockTrust(NOW_S, NOW_S), 1000.0, 60.0)
+    assert clock.trusted_s == 1000.0, "nothing is older than the clock says"
+    assert looked_at(clock, NOW_S + 120.0, 60.0).even_for_s is None, "set right again"
+    assert looked_at(clock, NOW_S + YEAR_S, 60.0).trusted_s == NOW_S + 120.0
+    now_s = 1000.0
+    while clock.set_back is not None:
+        now_s += EVERY_S
+        clock = looked_at(clock, now_s, EVERY_S)
+    assert now_s == 1000.0 + EVEN_FOR_S
+    assert looked_at(clock, NOW_S + DAY_S, EVERY_S).even_for_s == 0.0, "what was shown a day ago was wrong, or this is"
+
+
+def test_a_time_that_the_network_told_is_believed_at_once() -> None:
+    leapt = looked_at(ClockTrust(5.0, 5.0), NOW_S, 10.0)
+    assert leapt.trusted_s == 15.0
+    assert looked_at(leapt, NOW_S + 10.0, 10.0, synchronised=True) == ClockTrust(NOW_S + 10.0, NOW_S + 10.0)
+
+
+def test_the_kernel_tells_how_long_it_has_been_up_and_recordings_ask_for_that() -> None:
+    before_s = time.clock_gettime(time.CLOCK_BOOTTIME)
+    assert before_s <= since_boot_s() <= time.clock_gettime(time.CLOCK_BOOTTIME)
+    assert inspect.signature(WalkFiles).parameters["monotonic_s"].default is since_boot_s
 
 
 # ------------------------------------------------------------------------------------------------------- the console
@@ -202,3 +254,33 @@ def test_recordings_are_not_removed_because_the_devices_clock_leapt_ahead(tmp_pa
     recorder.close()
     assert before[0] not in parts_in(tmp_path)
     assert before[1] in parts_in(tmp_path)
+
+
+def test_recordings_get_old_on_a_device_that_begins_in_1970_and_nobody_is_told_of_a_leap_each_time(
+    tmp_path: Path,
+) -> None:
+    told, now_s, first = list[str](), NOW_S, None
+    options = RecordingOptions(tmp_path, max_part_s=0.4, keep_s=3.5 * DAY_S)
+    for day in range(5):
+        times = Times()
+        times.wall_s = 5.0 + day if day else now_s
+        rig, recorder = recorded_rig(options, times)
+        recorder.told = told.append  # type: ignore[method-assign]
+        run(rig, recorder, times, 2)
+        times.wall_s = now_s + 0.5
+        run(rig, recorder, times, 4)
+        recorder.close()
+        if first is None:
+            first = parts_in(tmp_path)[0]
+            os.utime(first, (now_s, now_s))
+        assert first.exists() == (day <= 3)
+        now_s += DAY_S
+    assert told == []
+    # The network knows what no device can: that a year has gone by.
+    kept = parts_in(tmp_path)[-1]
+    os.utime(kept, (now_s, now_s))
+    times.wall_s, times.synchronised = now_s + YEAR_S, True
+    rig, recorder = recorded_rig(options, times)
+    run(rig, recorder, times, 2)
+    recorder.close()
+    assert not kept.exists()

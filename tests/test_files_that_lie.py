@@ -53,7 +53,9 @@ def test_every_form_of_jpeg_says_its_size(tmp_path: Path) -> None:
         data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_PROGRESSIVE, progressive])[1].tobytes()
         # As cameras write them: with a thumbnail's segment before the picture's size, and bytes that fill up.
         filled = data[:2] + b"\xff\xe1\x00\x08Exif\x00\x00" + b"\xff\xff" + data[2:]
-        for each in (data, filled):
+        # TEM is a marker without a length.
+        alone = data[:2] + b"\xff\x01" + data[2:]
+        for each in (data, filled, alone):
             (tmp_path / "1.jpg").write_bytes(each)
             found = read_image(tmp_path / "1.jpg", cv2.IMREAD_COLOR)
             assert found is not None

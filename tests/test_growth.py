@@ -39,11 +39,13 @@ from device_agent.recording.options import RecordingOptions
 from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.walk_files import PartName, parts_in
 from navcore.modes import Mode
+from navcore.silhouette import silhouette_jpeg
 from navcore.site import save_site
 from navcore.wire import DepthImage, Event, EventConfirmed, SetDestination, SettingsRunning, WalkerState
 
 FEW = 4
 STATES_COUNT = 5
+SILHOUETTE = silhouette_jpeg(np.ones((48, 64), np.float32))
 MORE_CYCLES = 540
 OURS = ("console.", "device_agent.", "navcore.", "viser.")
 
@@ -92,7 +94,7 @@ class Room:
         ]  # fmt: skip
         for number in range(STATES_COUNT):
             device.send(_state(now_s(), Mode.GUIDING if leads else Mode.READY, 0.1 * number))
-        device.send(DepthImage(now_s(), b"no picture"))
+        device.send(DepthImage(now_s(), SILHOUETTE))
         self.events_count += 1
         device.send(Event(self.events_count, now_s(), "cue", "Move forward."))
         device.next(EventConfirmed)

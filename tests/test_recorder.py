@@ -37,6 +37,7 @@ class Times:
     def __init__(self) -> None:
         self.monotonic_s = 50.0
         self.wall_s = time.time()
+        self.synchronised = False
 
     def advance(self, seconds: float) -> None:
         """Let time pass."""
@@ -53,7 +54,7 @@ def recorded_rig(
     """A device on fakes whose files have clocks, a disk and room that a test decides."""
     files = WalkFiles(
         options, lambda text: recorder.told(text), monotonic_s=lambda: times.monotonic_s, wall_s=lambda: times.wall_s,
-        open_file=open_file, free_bytes=free_bytes,
+        is_synchronised=lambda: times.synchronised, open_file=open_file, free_bytes=free_bytes,
     )  # fmt: skip
     recorder = WalkRecorder(options, files)
     return Rig(tap=recorder), recorder

@@ -55,10 +55,11 @@ def walks(tmp_path: Path) -> Path:
     return folder
 
 
-def options_of(walks: Path, keep_free_bytes: int) -> RecordingOptions:
+def options_of(walks: Path, keep_free_bytes: int, reserve_bytes: int = 100) -> RecordingOptions:
     return RecordingOptions(
-        walks, keep_free_bytes=keep_free_bytes, reserve_bytes=100, keep_s=1e9, map_walks=walks.parent / "map-walks"
-    )
+        walks, keep_free_bytes=keep_free_bytes, reserve_bytes=reserve_bytes, keep_s=1e9,
+        map_walks=walks.parent / "map-walks",
+    )  # fmt: skip
 
 
 def test_what_the_console_has_goes_first_then_the_oldest_and_never_an_unconfirmed_map_walk(walks: Path) -> None:
@@ -71,7 +72,12 @@ def test_what_the_console_has_goes_first_then_the_oldest_and_never_an_unconfirme
     # As if the disk became smaller by a file each time: what goes, goes one after the other.
     expected = [maps[0], paths[1], paths[0], paths[2], paths[3]]
     for count in range(1, len(expected) + 1):
-        rig, recorder = recorded_rig(options_of(walks, (1 + count) * PART_BYTES), times, free_bytes=disk.free_bytes)
+        wanted_bytes = (1 + count) * PART_BYTES
+        # What the console has is all that goes for more room; the rest only for going on at all.
+        most_bytes = 9 * PART_BYTES
+        limits = {1: (wanted_bytes, 100), 2: (most_bytes, 100), 3: (most_bytes, wanted_bytes)}
+        options = options_of(walks, *limits[min(count, 3)])
+        rig, recorder = recorded_rig(options, times, free_bytes=disk.free_bytes)
         run(rig, recorder, times, 2)
         recorder.close()
         times.advance(2.0)
@@ -85,7 +91,7 @@ def test_what_the_console_has_goes_first_then_the_oldest_and_never_an_unconfirme
 def test_a_disk_that_gets_full_meanwhile_makes_room_and_the_walk_goes_on_in_its_file(walks: Path) -> None:
     old = [old_walk(walks, number) for number in range(3)]
     disk, times = Disk(walks, 3 * PART_BYTES + 900), Times()
-    rig, recorder = recorded_rig(options_of(walks, 800), times, free_bytes=disk.free_bytes)
+    rig, recorder = recorded_rig(options_of(walks, 850, 800), times, free_bytes=disk.free_bytes)
     run(rig, recorder, times, 10)
     written = recorder.files.path
     assert all(path.exists() for path in old)
@@ -95,6 +101,21 @@ def test_a_disk_that_gets_full_meanwhile_makes_room_and_the_walk_goes_on_in_its_
     assert [path.exists() for path in old] == [False, True, True], "no more than is needed"
     recorder.close()
     assert written in parts_in(walks)
+
+
+@pytest.mark.parametrize(("free_bytes", "goes_on"), [(5500, True), (1500, False)], ids=["room to record", "none"])
+def test_walks_that_are_nowhere_else_stay_where_losing_them_all_would_not_help(
+    walks: Path, free_bytes: int, goes_on: bool
+) -> None:
+    """Somebody else fills the disk: three old walks would not make it enough, or it is enough to record."""
+    old = [old_walk(walks, number) for number in range(3)]
+    disk, times = Disk(walks, 3 * PART_BYTES + free_bytes), Times()
+    rig, recorder = recorded_rig(options_of(walks, 9000, 5000), times, free_bytes=disk.free_bytes)
+    run(rig, recorder, times, 10, dt_s=RETRY_AFTER_S / 3)
+    recorder.close()
+    assert all(path.exists() for path in old)
+    assert (len(parts_in(walks)) > len(old)) == goes_on
+    assert any("not recorded any more" in text for text in rig.events("mode")) != goes_on
 
 
 def test_where_nothing_may_go_recording_ends_and_says_so_as_before(walks: Path) -> None:

@@ -31,6 +31,7 @@ from device_agent.sensors import (
 from device_agent.simulation.pace import PATIENCE_S, PacedClock
 from navcore.calibration import Calibration
 from navcore.espeak import Speech
+from navcore.machine_clock import clock_is_synchronised
 from navcore.settings import Settings
 
 
@@ -123,7 +124,7 @@ def checks_of(patient: Patient) -> list[Check]:
             "clock",
             "Fails where the time of day is earlier than one that this device has noted; warns where it is not"
             " synchronised, or leapt while the other checks ran.",
-            lambda: clock_watch.check(_newest_noted_s(options.state), machine.clock_is_synchronised),
+            lambda: clock_watch.check(_newest_noted_s(options.state), clock_is_synchronised),
         ),
         Check(
             "link",

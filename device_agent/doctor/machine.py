@@ -6,7 +6,6 @@ import contextlib
 import os
 import shutil
 import ssl
-import subprocess
 import time
 from collections.abc import Callable
 from email.utils import parsedate_to_datetime
@@ -77,11 +76,12 @@ def check_recordings(
     free = free_bytes(options.folder)
     found = (
         f"{(confirmed_bytes + other_bytes) / _GIB:.1f} GiB, of which the console has {confirmed_bytes / _GIB:.1f};"
-        f" {free / _GIB:.1f} GiB free, and old ones go below {options.keep_free_bytes / _GIB:.1f}"
+        f" {free / _GIB:.1f} GiB free; what the console has goes below {options.keep_free_bytes / _GIB:.1f},"
+        f" and the rest below {options.reserve_bytes / _GIB:.2f}"
     )
     if free + confirmed_bytes >= options.keep_free_bytes:
         return ok(found)
-    advice = "share walks (`--share-walks`), or move them elsewhere: the oldest go, and the console does not have them"
+    advice = "share walks (`--share-walks`), or move them elsewhere: they go next, and the console does not have them"
     return warning(
         found,
         advice if other_bytes else f"free the disk: no recording is left to go; {largest_folders(options.folder)}",
@@ -115,24 +115,14 @@ class ClockWatch:
         synchronised = is_synchronised()
         if synchronised is None:
             return warning(
-                f"{found}; whether it is synchronised is not known", "run `sudo apt install systemd-timesyncd`"
+                f"{found}; whether it is synchronised is not known",
+                "let the program ask the kernel (adjtimex), or see `timedatectl`",
             )
         if not synchronised:
             return warning(
                 f"{found}; it is not synchronised", "run `sudo timedatectl set-ntp true`, and connect to a network once"
             )
         return ok(f"{found}, synchronised")
-
-
-def clock_is_synchronised() -> bool | None:
-    """Ask systemd; None where there is none to be asked."""
-    with contextlib.suppress(OSError, subprocess.SubprocessError):
-        done = subprocess.run(
-            ["timedatectl", "show", "--property=NTPSynchronized", "--value"],
-            capture_output=True, text=True, timeout=5.0, check=True,
-        )  # fmt: skip
-        return {"yes": True, "no": False}.get(done.stdout.strip())
-    return None
 
 
 def check_link(

@@ -29,9 +29,10 @@ class RecordingOptions:
     keep_s: float = 7 * _DAY_S
     """Older files are removed: a recording is for finding out what happened, not for good."""
     keep_free_bytes: int = 3 * _GIB // 2
-    """Where less of the disk is free, old recordings are removed: there is room for a map walk then."""
+    """Where less of the disk is free, recordings that the console has are removed, to have room for a map walk."""
     reserve_bytes: int = _GIB // 4
-    """So much of the disk is left to the rest of the device: where nothing can be removed, nothing is recorded."""
+    """So much of the disk is left to the rest of the device. Where less is free, walks that the console does not have
+    are removed as well, if that is enough; else nothing is recorded."""
     map_walks: Path | None = None
     """Folder of the map walks; those that the console has go as well when the disk gets full."""
     shared: bool = False
@@ -54,7 +55,8 @@ def add_recording_options(parser: argparse._ActionsContainer) -> None:
         type=float,
         default=1.5,
         metavar="GB",
-        help="remove old recordings where less of the disk is free, what the console has first (default: %(default)g)",
+        help="remove recordings that the console has where less of the disk is free; others only where there is no room"
+        " to record at all (default: %(default)g)",
     )
     parser.add_argument(
         "--record-days",

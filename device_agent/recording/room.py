@@ -1,7 +1,8 @@
 """Which recordings go when the disk gets full: what the console has, oldest first; then other walks, oldest first.
 
 A device that records each day would fill any disk. What is being written never goes, and neither does a map walk that
-the console has not confirmed: nobody wants to walk through a building twice for one map.
+the console has not confirmed: nobody wants to walk through a building twice for one map. Walks that the console does
+not have are lost with their files: they go only where nothing could be recorded otherwise, and where that helps.
 """
 
 from __future__ import annotations
@@ -31,15 +32,6 @@ class Kept:
     """The console has all of it."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gone:
-    """What has gone to make room."""
-
-    confirmed_count: int = 0
-    other_count: int = 0
-    """Walks' files that the console does not have: they are lost."""
-
-
 def walks_that_may_go(folder: Path, paths: Iterable[Path]) -> list[Kept]:
     """Return what is known of files of walks in a folder, in the order in which they go."""
     sent = {name for name, what in settled_in(folder).items() if not what.failure}
@@ -52,16 +44,20 @@ def map_walks_that_may_go(folder: Path | None) -> list[Kept]:
     return _in_order(_kept(walk, True) for walk in walks if read_state(walk).stage == "sent")
 
 
-def make_room(kept: Iterable[Kept], is_enough: Callable[[], bool]) -> Gone:
-    """Remove recordings in the order in which they go, until that is enough. Raises OSError."""
-    confirmed_count = other_count = 0
+def make_room(kept: Iterable[Kept], is_enough: Callable[[], bool]) -> int:
+    """Remove recordings in the order in which they go, until that is enough; return how many. Raises OSError."""
+    count = 0
     for each in _in_order(kept):
         if is_enough():
             break
         remove(each)
-        confirmed_count += each.confirmed
-        other_count += not each.confirmed
-    return Gone(confirmed_count, other_count)
+        count += 1
+    return count
+
+
+def could_free(kept: Iterable[Kept], wanted_bytes: int) -> bool:
+    """Tell whether so much would be free if all of these went."""
+    return sum(each.size_bytes for each in kept) >= wanted_bytes
 
 
 def remove(kept: Kept) -> None:

@@ -27,10 +27,11 @@ import msgspec
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
-from device_agent.recording.room import Kept, make_room, map_walks_that_may_go, remove, walks_that_may_go
+from device_agent.recording.room import Kept, could_free, make_room, map_walks_that_may_go, remove, walks_that_may_go
 from device_agent.recording.transcript import CycleItem, Message, Transcript
 from navcore.clock_trust import ClockTrust, looked_at
 from navcore.errors import InputError
+from navcore.machine_clock import clock_is_synchronised, since_boot_s
 from navcore.site_files import write_whole
 from navcore.types import CameraIntrinsics, Frame
 from navcore.walk_file import FORMAT_VERSION
@@ -107,15 +108,19 @@ class WalkFiles:
         options: RecordingOptions,
         report: Callable[[str], None] = lambda text: None,
         *,
-        monotonic_s: Callable[[], float] = time.monotonic,
+        monotonic_s: Callable[[], float] = since_boot_s,
         wall_s: Callable[[], float] = time.time,
+        is_synchronised: Callable[[], bool | None] = clock_is_synchronised,
         open_file: Callable[[Path], BinaryIO] = create,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
     ) -> None:
-        """``report`` hears, in a sentence, when recording breaks off and when it goes on."""
+        """``report`` hears, in a sentence, when recording breaks off and when it goes on.
+
+        ``monotonic_s`` is a clock that nobody sets, and that goes on while the machine sleeps.
+        """
         self._options = options
         self._report = report
-        self._monotonic_s, self._wall_s = monotonic_s, wall_s
+        self._monotonic_s, self._wall_s, self._is_synchronised = monotonic_s, wall_s, is_synchronised
         self._open_file, self._free_bytes = open_file, free_bytes
         self.on_finished: Callable[[], None] = lambda: None
         """Called when a file has been completed."""
@@ -313,17 +318,25 @@ class WalkFiles:
         )
 
     def _make_room(self) -> None:
-        """Remove old recordings until so much of the disk is free as is to be kept free."""
+        """Remove old recordings: what the console has for what is to be kept free, others only to go on recording."""
         self._room_made_s = self._monotonic_s()
         if not self._wants_room():
             return
+        walks = self._that_may_go()
+        confirmed = [each for each in walks if each.confirmed]
+        make_room([*confirmed, *map_walks_that_may_go(self._options.map_walks)], lambda: not self._wants_room())
+        if self._is_full():
+            self._lose([each for each in walks if not each.confirmed])
+
+    def _lose(self, walks: list[Kept]) -> None:
+        """Remove walks that are nowhere else, as many as recording needs; none where somebody else fills the disk."""
         options = self._options
-        kept = [*self._that_may_go(), *map_walks_that_may_go(options.map_walks)]
-        gone = make_room(kept, lambda: not self._wants_room())
-        if gone.other_count:
+        if not could_free(walks, options.reserve_bytes - self._free_bytes(options.folder)):
+            return
+        if count := make_room(walks, lambda: not self._is_full()):
             self._report(
-                f"The disk gets full: {gone.other_count} files of old walks, which the console does not have, were"
-                f" removed. Free the disk of {options.folder}, or share walks."
+                f"The disk is full: {count} files of old walks, which the console does not have, were removed. Free"
+                f" the disk of {options.folder}, or share walks."
             )
 
     def _trusted_s(self) -> float:
@@ -333,13 +346,14 @@ class WalkFiles:
         self._clock_looked_s = monotonic_s
         kept = self._options.folder / _CLOCK_FILE
         try:
-            clock = looked_at(msgspec.json.decode(kept.read_bytes(), type=ClockTrust), now_s, passed_s)
+            before = msgspec.json.decode(kept.read_bytes(), type=ClockTrust)
+            clock = looked_at(before, now_s, passed_s, synchronised=self._is_synchronised() is True)
         except (OSError, msgspec.MsgspecError, UnicodeDecodeError):
             clock = ClockTrust(now_s, now_s)
         if clock.even_for_s == 0.0:
             self._report(
                 "The clock of this device leapt ahead: recordings are kept by the time before, until it has gone on"
-                " evenly for a day."
+                " evenly for a day, or the network tells the time."
             )
         with contextlib.suppress(OSError):
             # A disk that is full must not keep old files from being removed.

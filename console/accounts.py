@@ -30,8 +30,8 @@ SEEN_STEP_S = 60.0
 MAX_NAME_LENGTH = 60
 FAILURES_OF_ADDRESS_COUNT = 20
 FAILURES_OF_ACCOUNT_COUNT = 100
-"""So many from anywhere, then an account waits as well. Neither this nor the limit of an address is for who has signed in
-from there before."""
+"""So many from anywhere, then an account waits as well. Neither this nor the limit of an address is for who has signed
+in from there before."""
 ACCOUNT_WAITS_S = 30.0
 MAX_HASHING_COUNT = 4
 """Passwords are hashed so many at a time: each takes memory and a core, on purpose."""

@@ -1,7 +1,7 @@
 """HTTP for people and devices, and not for whoever opens connections to hold them.
 
-Uvicorn waits without end for the head of a request, a minute for TLS to be agreed on, and takes connections without end.
-Here both have to come within a while, and one address has only so many connections, counted from where they are
+Uvicorn waits without end for the head of a request, a minute for TLS to be agreed on, and takes connections without
+end. Here both have to come within a while, and one address has only so many connections, counted where they are
 accepted: there would be no file handles left for anybody else.
 """
 
@@ -60,7 +60,7 @@ class PatientHttp(H11Protocol):
 
 
 class CountingSocket(socket.socket):
-    """A socket to listen on, which closes at once what an address opens beyond its number: TLS or not, silent or not."""
+    """A socket to listen on, which closes at once what an address opens beyond its number."""
 
     def __init__(self, family: int) -> None:
         super().__init__(family, socket.SOCK_STREAM)
@@ -85,7 +85,8 @@ class CountingSocket(socket.socket):
 class PatientLoop(asyncio.SelectorEventLoop):
     """An event loop whose servers do not wait long for TLS to be agreed on."""
 
-    async def create_server(self, *args: Any, **named: Any) -> asyncio.Server:  # type: ignore[override]
+    async def create_server(self, *args: Any, **named: Any) -> asyncio.Server:
         """As any loop does; uvicorn has no setting for this."""
-        within = {"ssl_handshake_timeout": HEAD_WITHIN_S} if named.get("ssl") is not None else {}
-        return await super().create_server(*args, **named, **within)
+        if named.get("ssl") is not None:
+            named["ssl_handshake_timeout"] = HEAD_WITHIN_S
+        return await super().create_server(*args, **named)

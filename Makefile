@@ -66,8 +66,8 @@ arm: install ## resolve what the glasses need for aarch64, from wheels alone
 licences: install ## list every locked package with its licence; fails where one does not go with Apache-2.0
 	@$(BIN)/python .ci/licences
 
-sbom: install ## write the bills of materials (CycloneDX) of the glasses and of everything
-	@$(BIN)/python .ci/sbom sbom/glasses.json
+sbom: install ## write the bills of materials (CycloneDX) of the glasses and of everything (EXTRAS="oak serial audio")
+	@$(BIN)/python .ci/sbom sbom/glasses.json $(EXTRAS)
 	@$(BIN)/python .ci/sbom sbom/whole.json --whole
 
 glasses: install ## make dist/glasses, to be installed on a device with every hash checked (EXTRAS="oak serial audio")

@@ -101,10 +101,9 @@ def _own_words(name: str) -> str:
 
 
 def bundled_libraries(name: str) -> set[str]:
-    """Return the shared libraries of others that an installed wheel carries with it, without version and hash."""
+    """Return the shared libraries, wherever they lie, that an installed wheel carries, without version and hash."""
     files = metadata.distribution(name).files or []
-    beside = [each.name for each in files if each.parent.name.endswith(".libs")]
-    return {found[1] for each in beside if (found := _LIBRARY.match(each))}
+    return {found[1] for each in files if (found := _LIBRARY.match(each.name))}
 
 
 def complaints(pins: Iterable[Pin], table: Table) -> Iterator[str]:

@@ -30,7 +30,8 @@ SEEN_STEP_S = 60.0
 MAX_NAME_LENGTH = 60
 FAILURES_OF_ADDRESS_COUNT = 20
 FAILURES_OF_ACCOUNT_COUNT = 100
-"""So many from anywhere, then an account waits as well, but for addresses from which it has been signed in to."""
+"""So many from anywhere, then an account waits as well. Neither this nor the limit of an address is for who has signed
+in from there before."""
 ACCOUNT_WAITS_S = 30.0
 MAX_HASHING_COUNT = 4
 """Passwords are hashed so many at a time: each takes memory and a core, on purpose."""
@@ -116,7 +117,7 @@ class Accounts:
             user = session.scalar(select(UserRow).where(UserRow.name_key == name_key))
         usable = user is not None and user.disabled_at_s is None
         with self._hashing_in_turn():
-            attempts = self._attempts(name_key, user.name if user else name, address)
+            attempts = self._attempts(name_key, user, address)
             matches = password_matches(password, user.password_hash if user is not None and usable else None)
         if user is None or not matches:
             # A name that nobody has may be a password that was typed into the wrong field.
@@ -243,23 +244,24 @@ class Accounts:
         finally:
             self._hashing.release()
 
-    def _attempts(self, name_key: str, name: str, address: str) -> list[tuple[SignInLimit, Attempt]]:
-        """Count an attempt with every limit, that of the name first; where one refuses it, with none."""
+    def _attempts(self, name_key: str, user: UserRow | None, address: str) -> list[tuple[SignInLimit, Attempt]]:
+        """Count an attempt with every limit, that of the name at its address first; where one refuses it, with none."""
         network = network_of(address)
-        attempts = _counted([(self._by_name, f"{name_key}\n{network}"), (self._by_address, network)])
+        attempts = _counted([(self._by_name, f"{name_key}\n{network}")])
         try:
-            return attempts + _counted([(self._by_account, name_key)])
+            return attempts + _counted([(self._by_address, network), (self._by_account, name_key)])
         except TooManyError:
-            if self._came_from(name, address):
-                # Nobody locks a person out from where they come.
+            if user is not None and self._came_from(user.name, network):
+                # Nobody locks a person out from where they come: neither neighbours, nor many addresses together.
                 return attempts
             _take_back(attempts)
             raise
 
-    def _came_from(self, user_name: str, address: str) -> bool:
-        signed_in = (AuditRow.who == user_name, AuditRow.action == "sign_in", AuditRow.detail == address)
+    def _came_from(self, user_name: str, network: str) -> bool:
+        signed_in = AuditRow.who == user_name, AuditRow.action == "sign_in"
         with self._store.reading() as session:
-            return session.scalar(select(AuditRow.id).where(*signed_in).limit(1)) is not None
+            addresses = session.scalars(select(AuditRow.detail).where(*signed_in).distinct()).all()
+        return network in map(network_of, addresses)
 
     def _add_link(self, session: Session, user_id: int | None) -> str:
         token, now_s = new_token(), self._store.wall_s()

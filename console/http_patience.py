@@ -1,13 +1,17 @@
 """HTTP for people and devices, and not for whoever opens connections to hold them.
 
-Uvicorn waits without end for the head of a request, and takes connections without end. Here the head has to come within
-a while, and one address has only so many connections: there would be no file handles left for anybody else.
+Uvicorn waits without end for the head of a request, a minute for TLS to be agreed on, and takes connections without
+end. Here both have to come within a while, and one address has only so many connections, counted where they are
+accepted: there would be no file handles left for anybody else.
 """
 
 from __future__ import annotations
 
 import asyncio
+import errno
+import socket
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -25,11 +29,8 @@ class PatientHttp(H11Protocol):
     _head_timer: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection, or turn it away."""
+        """Take a connection; the head of its first request is awaited from now on."""
         super().connection_made(transport)
-        if _is_crowded(self):
-            transport.abort()
-            return
         self._wait_for_head()
 
     def data_received(self, data: bytes) -> None:
@@ -58,15 +59,34 @@ class PatientHttp(H11Protocol):
             self._head_timer = None
 
 
-def _is_crowded(protocol: H11Protocol) -> bool:
-    address = protocol.client[0] if protocol.client is not None else ""
-    if address in LOOPBACK_NAMES:
-        return False
-    peers = (_address_of(each) for each in protocol.connections)
-    return sum(peer == address for peer in peers) > MAX_CONNECTIONS_COUNT
+class CountingSocket(socket.socket):
+    """A socket to listen on, which closes at once what an address opens beyond its number."""
+
+    def __init__(self, family: int) -> None:
+        super().__init__(family, socket.SOCK_STREAM)
+        self._addresses: WeakKeyDictionary[socket.socket, str] = WeakKeyDictionary()
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """Return a connection and whom it is with. Raises ConnectionAbortedError where that one has too many."""
+        connection, peer = super().accept()
+        if self._is_crowded(peer[0]):
+            connection.close()
+            raise ConnectionAbortedError(errno.ECONNABORTED, "too many connections of one address")
+        self._addresses[connection] = peer[0]
+        return connection, peer
+
+    def _is_crowded(self, address: str) -> bool:
+        if address in LOOPBACK_NAMES:
+            return False
+        is_open = (each.fileno() != -1 for each, peer in self._addresses.items() if peer == address)
+        return sum(is_open) >= MAX_CONNECTIONS_COUNT
 
 
-def _address_of(protocol: Any) -> str:
-    """Return whom a connection is with, of HTTP or of a WebSocket."""
-    peer = protocol.transport.get_extra_info("peername")
-    return str(peer[0]) if isinstance(peer, tuple) else ""
+class PatientLoop(asyncio.SelectorEventLoop):
+    """An event loop whose servers do not wait long for TLS to be agreed on."""
+
+    async def create_server(self, *args: Any, **named: Any) -> asyncio.Server:
+        """As any loop does; uvicorn has no setting for this."""
+        if named.get("ssl") is not None:
+            named["ssl_handshake_timeout"] = HEAD_WITHIN_S
+        return await super().create_server(*args, **named)

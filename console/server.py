@@ -20,7 +20,7 @@ from fastapi import FastAPI
 
 from console.app import app_of
 from console.config import ConsoleConfig
-from console.http_patience import PatientHttp
+from console.http_patience import CountingSocket, PatientHttp, PatientLoop
 from console.opening import open_services, token_from_file
 from console.security import visitor_of
 from console.services import Services
@@ -151,7 +151,7 @@ def check_listening(config: ConsoleConfig) -> None:
 
 def _bind(config: ConsoleConfig) -> socket.socket:
     family = socket.AF_INET6 if ":" in config.host else socket.AF_INET
-    listening = socket.socket(family, socket.SOCK_STREAM)
+    listening = CountingSocket(family)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((config.host, config.port))
@@ -186,6 +186,7 @@ class _Uvicorn(uvicorn.Server):
             uvicorn.Config(
                 app,
                 http=PatientHttp,
+                loop=f"{PatientLoop.__module__}:{PatientLoop.__qualname__}",
                 log_level="warning",
                 access_log=False,
                 # Who connects is who sends, unless a proxy in front was declared: that one is on this machine.

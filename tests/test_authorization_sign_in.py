@@ -114,6 +114,25 @@ def test_many_addresses_together_guess_slowly_and_lock_nobody_out_for_ever(
     assert outcome(accounts, "Ada", PASSWORD, ELSEWHERE) == "in"
 
 
+@pytest.mark.parametrize(("of_ada", "of_guesser"), [(HOME, HOME), ("2001:db8::a", "2001:db8::b")])
+def test_whoever_guesses_behind_the_same_address_locks_nobody_out_who_comes_from_there(
+    accounts: Accounts, clock: HandClock, of_ada: str, of_guesser: str
+) -> None:
+    """One guess for each wait keeps the limit of the address full; it must be full for strangers alone."""
+    assert outcome(accounts, "Ada", PASSWORD, of_ada) == "in"
+    _, link = accounts.invite("Bob", "viewer", "Ada")
+    accounts.use_link(link, "", PASSWORD)
+    for number in range(FAILURES_OF_ADDRESS_COUNT):
+        outcome(accounts, f"Name {number}", "guess", of_guesser)
+    for _ in range(3):
+        clock.s += LONGEST_WAIT_S + 1.0
+        assert outcome(accounts, "Nobody", "guess", of_guesser) == "SignInError"
+        assert outcome(accounts, "Bob", PASSWORD, of_guesser) == "TooManyError", "he has never come from there"
+        assert outcome(accounts, "Ada", PASSWORD, of_ada) == "in"
+    guesses = [outcome(accounts, "Ada", "guess", of_guesser) for _ in range(FREE_FAILURES_COUNT + 1)]
+    assert guesses == ["SignInError"] * FREE_FAILURES_COUNT + ["TooManyError"], "her own name has its limit there"
+
+
 def test_who_waits_is_told_how_long_and_waits_no_longer_than_that(accounts: Accounts, clock: HandClock) -> None:
     for _ in range(200):
         outcome(accounts, "Ada", "guess", HOME)

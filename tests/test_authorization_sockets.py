@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import select
 import socket
 import time
 from collections.abc import Callable, Iterator
@@ -28,7 +29,7 @@ from console.server import WS_MAX_BYTES, ConsoleServer
 from console.sockets import MAX_SOCKETS_COUNT, SIGNED_OUT_CODE
 from console.store import Store
 from console.viewer.embedded import SUBPROTOCOL
-from navcore.site import save_site
+from navcore.site import Site, save_site
 from navcore.wire import Event, EventConfirmed, Welcome
 
 STREAMS = ("/live", "/live/overview", "/live/alerts", "/viewer/scene")
@@ -365,6 +366,37 @@ def test_one_address_has_only_so_many_connections_and_another_one_its_own(
         held[0].sendall(f"GET /healthz HTTP/1.1\r\nHost: {host}\r\n\r\n".encode())
         assert held[0].recv(100).startswith(b"HTTP/1.1 200"), "those that are in stay"
         assert admin.http.get("/healthz").status_code == 200
+
+
+def test_whoever_never_agrees_on_tls_is_counted_and_cut_off_as_well(
+    small_site: Site, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nobody says a word here, so no certificate is ever shown, and none is needed."""
+    monkeypatch.setattr("console.http_patience.MAX_CONNECTIONS_COUNT", 5)
+    monkeypatch.setattr("console.http_patience.HEAD_WITHIN_S", 2.0)
+    monkeypatch.setattr("ssl.SSLContext.load_cert_chain", lambda *_: None)
+    save_site(small_site, tmp_path / "site")
+    empty = tmp_path / "empty.pem"
+    empty.touch()
+    config = ConsoleConfig(tmp_path / "site", tmp_path / "data", port=0, tls_certificate=empty, tls_key=empty)
+    server = ConsoleServer(config, with_scene=False)
+    with contextlib.ExitStack() as opened:
+        server.start()
+        opened.callback(server.stop)
+        address = server._socket.getsockname()
+
+        def connection() -> socket.socket:
+            source = ("127.0.0.2", 0)
+            return opened.enter_context(socket.create_connection(address, WAIT_S, source_address=source))
+
+        silent = [connection() for _ in range(6)]
+        closed, _, _ = select.select(silent, [], [], WAIT_S)
+        assert closed == silent[-1:], "turned away before the others' time is over"
+        for each in silent:
+            with contextlib.suppress(ConnectionResetError):
+                assert each.recv(100) == b"", "nobody holds a connection for long by saying nothing"
+        again = connection()
+        assert select.select([again], [], [], 0.1)[0] == [], "there is room once more"
 
 
 def test_links_are_of_one_use_and_of_the_newest(hands: Hands) -> None:

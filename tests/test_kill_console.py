@@ -50,7 +50,13 @@ def test_what_was_acknowledged_outlives_every_kill_and_nothing_is_half_there(
         assert console.request_count > KILLS
 
 
-@pytest.mark.parametrize("spoil", ["DELETE FROM device_events WHERE sequence = 1", "DELETE FROM graph_entries", ""])
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        "DELETE FROM device_events WHERE sequence = 1", "DELETE FROM graph_entries",
+        "UPDATE graph_entries SET entry_json = replace(entry_json, 'Bar', 'Other')", "",
+    ],
+)  # fmt: skip
 def test_what_was_lost_is_found(spoil: str, nursery: Nursery, tmp_path: Path) -> None:
     with quick_folder(tmp_path) as folder:
         console = KilledConsole(folder, 3, nursery)

@@ -114,6 +114,17 @@ def test_what_nobody_has_judged_is_complained_of() -> None:
     assert "numpy" in named(replace(table, bundled={}))
 
 
+def test_a_library_is_found_wherever_in_a_wheel_it_lies() -> None:
+    assert "libllvmlite" in licence_rules.bundled_libraries("llvmlite"), "within the package"
+    assert {"libOpen3D", "libtbb"} <= licence_rules.bundled_libraries("open3d"), "with a version behind its name"
+    assert "libscipy_openblas64_" in licence_rules.bundled_libraries("numpy"), "in a folder beside the package"
+    table, pins = licence_rules.Table.read(), locked.all_pins()
+    unnamed = {name: licence for name, licence in table.bundled.items() if name != "libtbb"}
+    assert list(licence_rules.complaints(pins, replace(table, bundled=unnamed))) == [
+        "open3d carries libtbb with it: find out its licence, and name it in [bundled]."
+    ]
+
+
 # --------------------------------------------------------------------------------------- why each dependency is there
 def test_a_dependency_without_a_line_and_a_line_without_a_dependency_are_complained_of(copy: Path) -> None:
     table = licence_rules.Table.read()
@@ -173,6 +184,14 @@ def test_the_bill_of_materials_is_valid_whole_and_the_same_each_time(tmp_path: P
     httpx = next(ref for ref in needs if ref.startswith("httpx=="))
     assert {ref.partition("==")[0] for ref in needs[httpx]} == {"anyio", "certifi", "httpcore", "idna"}
     assert "timestamp" not in text
+
+
+def test_the_bill_of_the_glasses_is_of_what_is_put_on_them() -> None:
+    said = subprocess.run(
+        ["make", "--dry-run", "sbom", "glasses", "EXTRAS=serial"], cwd=ROOT, capture_output=True, text=True, check=True
+    ).stdout
+    assert re.search(r"sbom/glasses\.json serial$", said, re.MULTILINE)
+    assert re.search(r"\.ci/glasses \S+ serial$", said, re.MULTILINE)
 
 
 # ------------------------------------------------------------------------------------------ nobody's code copied in

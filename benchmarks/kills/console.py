@@ -156,6 +156,7 @@ class Draughtsman(Client):
         self._site = site
         self.history: dict[int, str] = {}
         self.published: set[int] = set()
+        self._contents: tuple[int, Any] | None = None
 
     def see(self) -> tuple[int, int, int]:
         """Return the draft's version, the published one, and how many names there are; look at all the rest as well."""
@@ -170,9 +171,17 @@ class Draughtsman(Client):
         published = {row["version"] for row in versions if row["name"] is None}
         must(self.published <= published, "a publication is gone:", self.published, published)
         self.published = published
+        self._look_into(graph)
         must(max(published) == graph["published_version"], "published:", published, graph["published_version"])
         self.graph = graph
         return graph["version"], graph["published_version"], len(names)
+
+    def _look_into(self, graph: dict[str, Any]) -> None:
+        """What an acknowledged request answered is what is there; a later version is of a request that was cut off."""
+        seen = _contents_of(graph)
+        if self._contents is not None and self._contents[0] == graph["version"]:
+            must(seen == self._contents, "the draft is not what was acknowledged:", seen, self._contents)
+        self._contents = seen
 
     def check(self) -> None:
         """Look also at the copy in the site's folder."""
@@ -213,6 +222,7 @@ class Draughtsman(Client):
             answer = send()
             if answer.status_code < 300:
                 self.graph = answer.json()
+                self._contents = _contents_of(self.graph)
                 made = self.graph["version"]
                 must(made in (version, version + 1), f"{words} made", made, "of", version)
                 request.applied = lambda seen: (made, seen[1], seen[2])
@@ -244,6 +254,12 @@ class Draughtsman(Client):
                 {"edit": "delete_edge", "edge_id": edge},
             ]
         return self.dice.choice(choices)
+
+
+def _contents_of(graph: dict[str, Any]) -> tuple[int, Any]:
+    """Return a draft's version, and what it holds, whatever the order."""
+    by_id = [{each["id"]: each for each in graph[kind]} for kind in ("pois", "edges")]
+    return graph["version"], by_id
 
 
 class Clerk(Client):

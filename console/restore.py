@@ -84,6 +84,8 @@ def restore(
             _prepare(archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s)
             for folder in fresh.values():
                 sync_tree(folder)
+            # Somebody may have come meanwhile: unpacking takes long.
+            _refuse_occupied(site_folder, data_folder, replace)
             kept = tuple(kept_path(each) for each in (site_folder, data_folder) if is_occupied(each))
             put_in_place(site_folder, data_folder)
         except BaseException:

@@ -20,7 +20,7 @@ from console.data_lock import LOCK_FILE, DataLock
 from console.folder_restore import finish_restore, fresh_path, is_occupied, kept_path, put_in_place
 from console.graph_store import graph_key
 from console.opening import open_model
-from console.replaced_console import ReplacedConsole, read_replaced
+from console.replaced_console import ReplacedConsole, carry_over, read_replaced
 from console.retention import believe_clock
 from console.store import DATABASE_FILE, Store
 from console.tables import GraphEntryRow
@@ -43,6 +43,8 @@ class Restored:
 
     manifest: BackupManifest
     kept: tuple[Path, ...]
+    are_rights_of_now: bool
+    """Whether what was taken back since the backup stays taken back (:func:`console.replaced_console.carry_over`)."""
 
 
 def verify_backup(file: Path, progress: Progress = lambda share: None) -> BackupManifest:
@@ -81,7 +83,7 @@ def restore(
         try:
             _unpack(archive, fresh, progress)
             _check(archive.manifest, fresh["site"], fresh["data"])
-            _prepare(archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s)
+            are_rights_of_now = _prepare(archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s)
             for folder in fresh.values():
                 sync_tree(folder)
             # Somebody may have come meanwhile: unpacking takes long.
@@ -91,7 +93,7 @@ def restore(
         except BaseException:
             _finish_or_clear(data_folder, fresh)
             raise
-    return Restored(archive.manifest, kept)
+    return Restored(archive.manifest, kept, are_rights_of_now)
 
 
 def _finish_or_clear(data_folder: Path, fresh: dict[str, Path]) -> None:
@@ -214,18 +216,23 @@ def _prepare(
     data_folder: Path,
     replaced_folder: Path,
     wall_s: Callable[[], float],
-) -> None:
-    """Make what was unpacked the console's of now: devices may run a later graph than any that it knows."""
+) -> bool:
+    """Make what was unpacked the console's of now: devices may run a later graph than any that it knows.
+
+    Returns whether accounts and device tokens are those of now.
+    """
     store = Store.open(data_folder, wall_s)
     try:
         site = load_site(site_folder)
         key = graph_key(site.site_id, manifest.map_sha256)
         replaced = read_replaced(replaced_folder, store)
+        are_rights_of_now = replaced is not None and carry_over(replaced, store)
         known = _newest_known(store, key, replaced)
         open_model(store, site, site_folder).number_beyond(known)
         believe_clock(store)
         when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(manifest.made_at_s))
         store.audit("command line", "restored", f"a backup of {when}")
+        return are_rights_of_now
     finally:
         store.close()
 

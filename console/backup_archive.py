@@ -29,6 +29,7 @@ import msgspec
 
 from navcore.errors import InputError
 from navcore.site_files import FileEntry
+from navcore.zip_end import read_zip_end
 
 FORMAT = "vbr-console-backup"
 SCHEMA_VERSION = 1
@@ -39,10 +40,6 @@ _MAX_LIST_BYTES = 64 << 20
 _NAME = re.compile(r"(site|data)(/[A-Za-z0-9_][A-Za-z0-9_.+-]{0,199}){1,4}")
 _PIECE_BYTES = 1 << 20
 _ENCRYPTED = 0x1
-# The zip format's record at the very end; before it, in large archives, one that says where a longer one is.
-_END, _END_SIGN = struct.Struct("<4s4H2LH"), b"PK\x05\x06"
-_LOCATOR, _LOCATOR_SIGN = struct.Struct("<4sLQL"), b"PK\x06\x07"
-_LONG_END = struct.Struct("<4sQ2H2L4Q")
 _OTHER = "take another backup"
 
 Progress = Callable[[float], None]
@@ -157,17 +154,9 @@ def opened_backup(path: Path) -> Iterator[BackupArchive]:
 
 
 def _refuse_long_list(file: BinaryIO) -> None:
-    """See how long the archive's list is before it is taken into memory. Raises BadZipFile, struct.error."""
-    size_bytes = file.seek(0, 2)
-    file.seek(max(0, size_bytes - _LOCATOR.size - _END.size))
-    tail = file.read()
-    sign, _, _, _, count, list_bytes, _, comment_bytes = _END.unpack(tail[-_END.size :])
-    if sign != _END_SIGN or comment_bytes:
-        raise zipfile.BadZipFile("its end is not that of an archive")
-    if tail[:4] == _LOCATOR_SIGN:
-        file.seek(_LOCATOR.unpack(tail[: _LOCATOR.size])[2])
-        count, list_bytes = _LONG_END.unpack(file.read(_LONG_END.size))[7:9]
-    if count > MAX_FILE_COUNT + 1 or list_bytes > _MAX_LIST_BYTES:
+    """See how long the archive's list is before it is taken into memory. Raises BadZipFile."""
+    end = read_zip_end(file)
+    if end.count > MAX_FILE_COUNT + 1 or end.list_bytes > _MAX_LIST_BYTES:
         raise zipfile.BadZipFile("its list is longer than that of a backup")
     file.seek(0)
 

@@ -16,6 +16,14 @@ if TYPE_CHECKING:
     from console.restore import Restored
 
 _STEP_PERCENT = 10
+_RIGHTS_OF_NOW = (
+    "Passwords, roles, locked accounts and device tokens are those of now; accounts and tokens made since the backup"
+    " are gone."
+)
+_RIGHTS_OF_THEN = (
+    "Accounts, passwords and device tokens are those of then: take back again what was taken back since (`vbr console"
+    " token --list`)."
+)
 
 
 def add_backup_commands(
@@ -70,9 +78,9 @@ def run_restore(arguments: argparse.Namespace) -> None:
 
 def _tell_restored(done: Restored, site_folder: Path, data_folder: Path) -> None:
     sys.stdout.write(f"{site_folder} and {data_folder} are {_of(done.manifest)}.\n")
+    rights = _RIGHTS_OF_NOW if done.are_rights_of_now else _RIGHTS_OF_THEN
     sys.stdout.write(
-        "Everybody signs in anew. Accounts, passwords and device tokens are those of then: take back again what was"
-        " taken back since (`vbr console token --list`). What is older than may be kept is deleted at the next start.\n"
+        f"Everybody signs in anew. {rights} What is older than may be kept is deleted at the next start.\n"
     )
     for path in done.kept:
         sys.stdout.write(f"What was there before is in {path}: delete it when nothing in it is needed any more.\n")

@@ -6,8 +6,11 @@ however that ends.
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import fcntl
 import os
+import stat
 from pathlib import Path
 from types import TracebackType
 
@@ -47,13 +50,10 @@ class DataLock:
 def _locked(folder: Path, how: int) -> int | None:
     path = folder / LOCK_FILE
     while True:
-        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        if os.geteuid() == 0:
-            # A backup that root makes is not to lock out the user whom the console runs as.
-            os.fchown(handle, folder.stat().st_uid, folder.stat().st_gid)
+        handle = _opened(path)
         try:
             fcntl.flock(handle, how | fcntl.LOCK_NB)
-            if os.path.samestat(os.fstat(handle), path.stat()):
+            if os.path.samestat(os.fstat(handle), path.lstat()):
                 return handle
         except FileNotFoundError:
             # The folder was replaced meanwhile: its lock is another file now.
@@ -65,3 +65,34 @@ def _locked(folder: Path, how: int) -> int | None:
                 " a restore) is done, then try again."
             ) from error
         os.close(handle)
+
+
+def _opened(path: Path) -> int:
+    """Open the lock's file, or make it. Raises OSError where something else has its name.
+
+    Root takes it in a folder that is another user's, who may have put a link there to a file of root's.
+    """
+    flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+    while True:
+        with contextlib.suppress(FileExistsError):
+            return _made(path, flags)
+        with contextlib.suppress(FileNotFoundError):
+            handle = os.open(path, flags | os.O_NONBLOCK)
+            if _is_plain(handle):
+                return handle
+            os.close(handle)
+            raise OSError(errno.EINVAL, f"{LOCK_FILE} is no plain file of its own: move it away", str(path))
+
+
+def _made(path: Path, flags: int) -> int:
+    handle = os.open(path, flags | os.O_CREAT | os.O_EXCL, 0o600)
+    if os.geteuid() == 0:
+        # A backup that root makes is not to lock out the user whom the console runs as.
+        owner = path.parent.stat()
+        os.fchown(handle, owner.st_uid, owner.st_gid)
+    return handle
+
+
+def _is_plain(handle: int) -> bool:
+    found = os.fstat(handle)
+    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1

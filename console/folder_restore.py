@@ -97,7 +97,8 @@ def _swap_all(note: _Note, path: Path) -> None:
             keep_aside(folder, keep)
         if fresh.exists():
             swap_in(fresh, folder, None if keep is not None and keep.exists() else keep)
-        shutil.rmtree(aside(folder), ignore_errors=True)
+        elif keep is None:
+            shutil.rmtree(aside(folder), ignore_errors=True)
     path.unlink()
     sync_path(path.parent)
 

@@ -20,6 +20,7 @@ from console.data_lock import LOCK_FILE, DataLock
 from console.folder_restore import finish_restore, fresh_path, is_occupied, kept_path, put_in_place
 from console.graph_store import graph_key
 from console.opening import open_model
+from console.replaced_console import ReplacedConsole, carry_over, read_replaced
 from console.retention import believe_clock
 from console.store import DATABASE_FILE, Store
 from console.tables import GraphEntryRow
@@ -29,7 +30,9 @@ from navcore.site import load_site, map_checksum
 from navcore.site_files import MANIFEST as SITE_MANIFEST
 
 _UNKNOWN_VERSIONS_COUNT = 1000
-"""So many versions may have been made since the backup where nobody can look: devices may run any of them."""
+"""So many versions may have been made since the backup where nobody can look: devices may run any of them. What is
+replaced can be looked at only if it goes on from the backup; a console that was just installed knows of none.
+"""
 _PARTS = ("site", "data")
 _DATABASE = f"data/{DATABASE_FILE}"
 
@@ -40,6 +43,8 @@ class Restored:
 
     manifest: BackupManifest
     kept: tuple[Path, ...]
+    are_rights_of_now: bool
+    """Whether what was taken back since the backup stays taken back (:func:`console.replaced_console.carry_over`)."""
 
 
 def verify_backup(file: Path, progress: Progress = lambda share: None) -> BackupManifest:
@@ -78,15 +83,17 @@ def restore(
         try:
             _unpack(archive, fresh, progress)
             _check(archive.manifest, fresh["site"], fresh["data"])
-            _prepare(archive.manifest, fresh["site"], fresh["data"], _newest_version(data_folder), wall_s)
+            are_rights_of_now = _prepare(archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s)
             for folder in fresh.values():
                 sync_tree(folder)
+            # Somebody may have come meanwhile: unpacking takes long.
+            _refuse_occupied(site_folder, data_folder, replace)
             kept = tuple(kept_path(each) for each in (site_folder, data_folder) if is_occupied(each))
             put_in_place(site_folder, data_folder)
         except BaseException:
             _finish_or_clear(data_folder, fresh)
             raise
-    return Restored(archive.manifest, kept)
+    return Restored(archive.manifest, kept, are_rights_of_now)
 
 
 def _finish_or_clear(data_folder: Path, fresh: dict[str, Path]) -> None:
@@ -203,36 +210,37 @@ def _check(manifest: BackupManifest, site_folder: Path, data_folder: Path) -> No
     Store.open(data_folder).close()
 
 
-def _newest_version(data_folder: Path) -> dict[str, int] | None:
-    """Return the newest version of each draft that is about to be replaced; None where nobody can tell."""
-    if not (data_folder / DATABASE_FILE).is_file():
-        return None
-    try:
-        with contextlib.closing(sqlite3.connect(data_folder / DATABASE_FILE)) as base:
-            return dict(base.execute("SELECT site_id, max(version) FROM graph_entries GROUP BY site_id").fetchall())
-    except sqlite3.Error:
-        return None
-
-
 def _prepare(
     manifest: BackupManifest,
     site_folder: Path,
     data_folder: Path,
-    issued: dict[str, int] | None,
+    replaced_folder: Path,
     wall_s: Callable[[], float],
-) -> None:
-    """Make what was unpacked the console's of now: devices may run a later graph than any that it knows."""
+) -> bool:
+    """Make what was unpacked the console's of now: devices may run a later graph than any that it knows.
+
+    Returns whether accounts and device tokens are those of now.
+    """
     store = Store.open(data_folder, wall_s)
     try:
         site = load_site(site_folder)
         key = graph_key(site.site_id, manifest.map_sha256)
-        with store.reading() as session:
-            mine = select(func.max(GraphEntryRow.version)).where(GraphEntryRow.site_id == key)
-            newest = session.scalar(mine) or 0
-        known = newest + _UNKNOWN_VERSIONS_COUNT if issued is None else issued.get(key, 0)
+        replaced = read_replaced(replaced_folder, store)
+        are_rights_of_now = replaced is not None and carry_over(replaced, store)
+        known = _newest_known(store, key, replaced)
         open_model(store, site, site_folder).number_beyond(known)
         believe_clock(store)
         when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(manifest.made_at_s))
         store.audit("command line", "restored", f"a backup of {when}")
+        return are_rights_of_now
     finally:
         store.close()
+
+
+def _newest_known(store: Store, key: str, replaced: ReplacedConsole | None) -> int:
+    """Return the highest version that any device may run of the site."""
+    with store.reading() as session:
+        newest = session.scalar(select(func.max(GraphEntryRow.version)).where(GraphEntryRow.site_id == key)) or 0
+    if replaced is None or not replaced.goes_on:
+        newest += _UNKNOWN_VERSIONS_COUNT
+    return newest if replaced is None else max(newest, replaced.newest_versions.get(key, 0))

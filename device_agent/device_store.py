@@ -218,7 +218,9 @@ class DeviceStore:
 
     def load_map(self) -> Site:
         """Read the map; the one before where it is damaged. Raises SiteError where neither can be read."""
-        keep_aside(self.site_folder, self.previous_map)
+        with contextlib.suppress(OSError):
+            # Where the map before cannot be kept, this one runs all the same.
+            keep_aside(self.site_folder, self.previous_map)
         try:
             return load_site(self.site_folder)
         except SiteError as error:

@@ -26,9 +26,13 @@ def aside(folder: Path) -> Path:
 def swap_in(fresh: Path, folder: Path, keep: Path | None = None) -> None:
     """Put a complete folder in the place of another, on the same disk. Raises OSError, and the old one stays then.
 
-    The old one is moved to ``keep``, where that is given, in the place of what is there; else it is removed.
+    The old one is moved to ``keep``, where that is given, in the place of what is there; else it is removed. Where it
+    cannot be kept, nothing is replaced.
     """
     recover(folder)
+    if keep is not None:
+        # What was replaced before, and could not be kept then.
+        keep_aside(folder, keep)
     shutil.rmtree(aside(folder), ignore_errors=True)
     for attempt in range(_ATTEMPTS):
         if folder.exists():
@@ -42,17 +46,31 @@ def swap_in(fresh: Path, folder: Path, keep: Path | None = None) -> None:
             if attempt == _ATTEMPTS - 1 or not fresh.exists():
                 raise
     sync_path(folder.parent)
-    if keep is not None:
+    if keep is None:
+        shutil.rmtree(aside(folder), ignore_errors=True)
+        return
+    try:
         keep_aside(folder, keep)
-    shutil.rmtree(aside(folder), ignore_errors=True)
+    except OSError:
+        _swap_back(fresh, folder)
+        raise
+
+
+def _swap_back(fresh: Path, folder: Path) -> None:
+    """Undo a replacement; where that fails too, the old folder still waits aside."""
+    with contextlib.suppress(OSError):
+        os.replace(folder, fresh)
+        os.replace(aside(folder), folder)
 
 
 def keep_aside(folder: Path, keep: Path) -> None:
-    """Move what was replaced to ``keep``; also for whoever finds it after an interrupted :func:`swap_in`."""
+    """Move what was replaced to ``keep``; also for whoever finds it after an interrupted :func:`swap_in`.
+
+    Raises OSError where it cannot be moved; it waits aside then.
+    """
     if folder.exists() and aside(folder).is_dir():
         shutil.rmtree(keep, ignore_errors=True)
-        with contextlib.suppress(OSError):
-            os.replace(aside(folder), keep)
+        os.replace(aside(folder), keep)
 
 
 def recover(folder: Path) -> None:

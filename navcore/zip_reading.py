@@ -14,15 +14,13 @@ from typing import IO, BinaryIO, TypeVar
 
 from navcore.errors import SiteError
 from navcore.site_files import FileEntry
+from navcore.zip_end import read_zip_end
 
 Result = TypeVar("Result")
 AGAIN = "export the site again"
 MAX_FILE_COUNT = 4096
 _MAX_DIRECTORY_BYTES = 1 << 20
 _PIECE_BYTES = 1 << 20
-# The zip format's record at the very end, and the one before it that only archives above 4 GiB have.
-_END = struct.Struct("<4s4H2LH")
-_END_SIGN, _ZIP64_SIGN, _ZIP64_BYTES = b"PK\x05\x06", b"PK\x06\x07", 20
 
 
 def opened_zip(file: BinaryIO, what: str, max_bytes: int) -> zipfile.ZipFile:
@@ -36,16 +34,14 @@ def _check_end(file: BinaryIO, what: str, max_bytes: int) -> None:
     size_bytes = file.seek(0, 2)
     if size_bytes > max_bytes:
         raise SiteError(f"{what} is larger than 1 GiB: export it again with a smaller cloud.")
-    file.seek(max(0, size_bytes - _END.size - _ZIP64_BYTES))
-    before, record = (tail := file.read())[: -_END.size], tail[-_END.size :]
-    if len(record) < _END.size or record[:4] != _END_SIGN:
+    try:
+        end = read_zip_end(file)
+    except zipfile.BadZipFile as error:
         kind = what.lower().removeprefix("the ")
-        raise SiteError(f"The file is no {kind}, or its end is missing: send it again, or {AGAIN}.")
-    _, disk, first_disk, here, count, directory_bytes, offset, comment_bytes = _END.unpack(record)
-    is_whole = offset + directory_bytes + _END.size == size_bytes and (disk, first_disk, comment_bytes) == (0, 0, 0)
-    if not is_whole or here != count or before[:4] == _ZIP64_SIGN:
+        raise SiteError(f"The file is no {kind}, or its end is missing: send it again, or {AGAIN}.") from error
+    if not end.is_plain:
         raise SiteError(f"{what} is damaged (its list of files is not where it should be): {AGAIN}.")
-    if count > MAX_FILE_COUNT or directory_bytes > _MAX_DIRECTORY_BYTES:
+    if end.count > MAX_FILE_COUNT or end.list_bytes > _MAX_DIRECTORY_BYTES:
         raise SiteError(f"{what} lists more files than a site has: {AGAIN}.")
 
 

@@ -66,6 +66,10 @@ FORGOTTEN_AFTER_S = 86_400.0
 Listener = Callable[[LiveDevice], None]
 
 
+def _nothing(device_id: str, command: Command) -> None:
+    """Nobody keeps a log."""
+
+
 class Outlet(Protocol):
     """The way to one connected device."""
 
@@ -101,7 +105,9 @@ class DeviceHub:
         self._forgetting: list[Callable[[str], None]] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
-        """Called with device and command before it is sent, whoever asks: the audit log."""
+        """Called with device and command after it was sent, whoever asks: the audit log, which nobody waits for."""
+        self.before_colour: Callable[[str, Command], None] = _nothing
+        """Called before a walker is asked for a picture: what it raises keeps them from being asked."""
 
     # ------------------------------------------------------------------------------------------------ reading
     def devices(self) -> tuple[LiveDevice, ...]:
@@ -313,7 +319,8 @@ class DeviceHub:
     def ask_colour(self, device_id: str, why: str, who: str) -> Command:
         """Ask the walker to let somebody see colour pictures for a minute."""
         request_id = int(self._wall_s() * 1000)
-        return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
+        message = AskColour(request_id, who, why)
+        return self._command(device_id, "ask_colour", str(request_id), who, message, first=self.before_colour)
 
     def apply_settings(self, device_id: str, order: ApplySettings, who: str) -> Command:
         """Have the device change its settings."""
@@ -325,7 +332,15 @@ class DeviceHub:
         return self._command(device_id, kind, str(revision), who, KeepSettings(revision, keep))
 
     # ----------------------------------------------------------------------------------------------- internals
-    def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
+    def _command(
+        self,
+        device_id: str,
+        kind: CommandKind,
+        detail: str,
+        who: str,
+        message: ConsoleMessage,
+        first: Callable[[str, Command], None] = _nothing,
+    ) -> Command:
         with self._lock:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
@@ -338,8 +353,9 @@ class DeviceHub:
             kept = device.commands[-COMMANDS_KEPT_COUNT + 1 :]
             earlier = tuple(_dated(old, superseded(old, command), now_s) for old in kept)
             self._put(replace(device, commands=(*earlier, command)))
-        self.on_command(device_id, command)
+        first(device_id, command)
         outlet.send(message)
+        self.on_command(device_id, command)
         return command
 
     def _put(self, device: LiveDevice) -> None:
@@ -438,7 +454,3 @@ def _expires_s(device: LiveDevice, now_s: float) -> float | None:
 def _dated(before: Command, after: Command, now_s: float) -> Command:
     """Return what has become of a command, with the time that it took where that is news."""
     return after if after.state == before.state else replace(after, took_s=now_s - after.asked_s)
-
-
-def _nothing(device_id: str, command: Command) -> None:
-    """Nobody keeps a log."""

@@ -179,7 +179,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         "Access log": access.delete_before,
         "Orders in the audit log": store.redact_audit_before,
     }
-    retention = Retention(store, kept_of_walkers)
+    retention = Retention(store, kept_of_walkers, note=late_audit.note)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
     checks = MapChecks(model, surveys, device_settings=partial(_running_settings, tuning, hub))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -11,10 +13,13 @@ import pytest
 from console_room import DialledDevice, Person, first_admin, hello_of, serving, until
 from small_disk import SmallDisk, failing_disk, small_disk
 
+from console.disk_reserve import RESERVE_BYTES
+from console.recordings import Recordings
 from console.server import ConsoleServer
 from console.store import DATABASE_FILE, Store
 from navcore.errors import InputError
 from navcore.modes import Mode
+from navcore.recording_upload import RecordingOffer
 from navcore.site import Site, save_site
 from navcore.wire import Event, EventConfirmed, Pause, WalkerState
 
@@ -52,7 +57,6 @@ def assert_refused(admin: Person, status: int, words: str) -> None:
         ("/api/edits", {"edit": "update_poi", "poi_id": "b", "name": "Tea bar"}), ("/api/undo", None),
         ("/api/publish", {"confirmed": True, "version": before["version"]}), ("/api/versions", {"name": "A name"}),
         ("/api/users", {"name": "Vera", "role": "viewer"}), ("/api/tokens", {"name": "Another"}),
-        ("/api/privacy/days", {"days": 3}),
     ):  # fmt: skip
         answer = admin.http.post(path, json=body)
         assert (answer.status_code, words in answer.json()["error"]) == (status, True), (path, answer.text)
@@ -91,6 +95,20 @@ def begun(server: ConsoleServer) -> tuple[Person, DialledDevice, str]:
     return admin, device, token
 
 
+def long_ago_s() -> float:
+    return time.time() - 30 * 86_400.0
+
+
+def old_walk(folder: Path) -> Path:
+    """A walk of some megabytes that came long ago; return its file."""
+    recordings, data = Recordings(folder, long_ago_s, lambda _: 1 << 40), bytes(3 << 20)
+    sha256 = hashlib.sha256(data).hexdigest()
+    recordings.offer(RecordingOffer("walk", "a walk", len(data), sha256), "Glasses")
+    for offset in range(0, len(data), 1 << 20):
+        recordings.add(sha256, offset, data[offset : offset + (1 << 20)])
+    return recordings.named(sha256).file
+
+
 def assert_whole(data: Path, events: list[tuple[int, str]]) -> None:
     with closing(sqlite3.connect(data / DATABASE_FILE)) as base:
         assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)
@@ -115,6 +133,32 @@ def test_on_a_full_disk_nothing_is_lost_and_whoever_watches_goes_on(
     with console_on(disk, tmp_path, small_site) as server:
         deeds = [row.action for row in server.services.store.latest_audit(100)]
         assert deeds.count("device_pause") == 1, "written down as soon as there was room"
+
+
+def test_what_is_too_old_is_deleted_from_a_full_disk_which_makes_room(
+    disk: SmallDisk, tmp_path: Path, small_site: Site
+) -> None:
+    with console_on(disk, tmp_path, small_site) as server:
+        (admin, device, _), services = begun(server), server.services
+        device.socket.close()
+        services.store.wall_s = long_ago_s
+        services.devices.add_event("glasses", Event(2, 2.0, "cue", "long ago"))
+        services.store.wall_s = time.time
+        disk.fill()
+        # Nothing lies in files: it goes by the room that was put by, which is put by again.
+        run = admin.http.post("/api/privacy/delete").raise_for_status().json()["last_run"]
+        assert (run["problems"], run["deleted"]["Events"]) == ([], 1)
+        assert (disk.folder / "data" / "reserve").stat().st_blocks * 512 >= RESERVE_BYTES
+        disk.free()
+        walk = old_walk(disk.folder / "data" / "recordings")
+        disk.fill()
+        run = admin.http.post("/api/privacy/delete").raise_for_status().json()["last_run"]
+        assert (run["problems"], run["deleted"]["Walks"], walk.exists()) == ([], 1, False)
+        disk.fill()
+        assert services.retention.run().problems == ()
+        assert admin.http.post("/api/privacy/days", json={"days": 3}).raise_for_status().json()["days"] == 3
+        audit = {row["action"] for row in admin.http.get("/api/audit").json()["audit"]}
+        assert {"retention_run", "retention"} <= audit
 
 
 def test_on_a_disk_that_fails_nothing_is_lost_and_whoever_watches_goes_on(tmp_path: Path, small_site: Site) -> None:

@@ -21,7 +21,7 @@ from navcore.errors import InputError
 from navcore.modes import Mode
 from navcore.recording_upload import RecordingOffer
 from navcore.site import Site, save_site
-from navcore.wire import Event, EventConfirmed, Pause, WalkerState
+from navcore.wire import Event, EventConfirmed, Pause, WalkerState, Welcome
 
 _MOST_LOGGED = 40
 
@@ -109,6 +109,11 @@ def old_walk(folder: Path) -> Path:
     return recordings.named(sha256).file
 
 
+def shown_once(shown: list[int]) -> list[int]:
+    """The newest event that was shown, each time that another one is."""
+    return [number for number, before in zip(shown, [0, *shown], strict=False) if number != before]
+
+
 def assert_whole(data: Path, events: list[tuple[int, str]]) -> None:
     with closing(sqlite3.connect(data / DATABASE_FILE)) as base:
         assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)
@@ -159,6 +164,38 @@ def test_what_is_too_old_is_deleted_from_a_full_disk_which_makes_room(
         assert admin.http.post("/api/privacy/days", json={"days": 3}).raise_for_status().json()["days"] == 3
         audit = {row["action"] for row in admin.http.get("/api/audit").json()["audit"]}
         assert {"retention_run", "retention"} <= audit
+
+
+def test_of_very_many_events_few_are_kept_in_memory_none_is_lost_and_none_is_shown_twice(
+    disk: SmallDisk, tmp_path: Path, small_site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.event_intake.MAX_WAITING_COUNT", 16)
+    with console_on(disk, tmp_path, small_site) as server:
+        (_, device, token), hub, devices = begun(server), server.services.hub, server.services.devices
+        shown: list[int] = []
+        hub.subscribe(lambda known: shown.append(known.events[-1].sequence))
+        events = [Event(number, float(number), "cue", f"event {number}") for number in range(2, 50)]
+        disk.fill()
+        for joins in (1, 2):
+            for event in events:
+                device.send(event)
+            tell(server, device, 1 + joins)
+            assert sorted(set(shown)) == shown_once(shown) == list(range(2, events[-1].sequence + 1)), joins
+            if joins == 1:
+                device.socket.close()
+                device = DialledDevice(server.ready.url, token, hello_of(server, now_s=hub.now_s()))
+        disk.free()
+        # What was kept is stored; then the link ends, and what was not is sent again.
+        device.close_code()
+        assert devices.last_sequence("glasses") == 1 + 16
+        device = DialledDevice(server.ready.url, token, hello_of(server, now_s=hub.now_s()))
+        for event in events[device.next(Welcome).last_event_sequence - 1 :]:
+            device.send(event)
+        while device.next(EventConfirmed).sequence < events[-1].sequence:
+            pass
+        device.socket.close()
+        assert shown_once(shown) == list(range(2, events[-1].sequence + 1))
+    assert_whole(disk.folder / "data", [(1, "before"), *((event.sequence, event.text) for event in events)])
 
 
 def test_on_a_disk_that_fails_nothing_is_lost_and_whoever_watches_goes_on(tmp_path: Path, small_site: Site) -> None:

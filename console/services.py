@@ -140,8 +140,9 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
 
     def look_who_is_signed_in() -> None:
         close_what_is_over(sockets, accounts.over, session_ended)
-        accounts.note_used(sockets.session_ids())
         close_void_links()
+        # Last: it writes, which a full disk refuses.
+        accounts.note_used(sockets.session_ids())
 
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():

@@ -12,7 +12,9 @@ from pathlib import Path
 import pytest
 from console_room import DialledDevice, Person, first_admin, hello_of, serving, until
 from small_disk import SmallDisk, failing_disk, small_disk
+from sqlalchemy.exc import OperationalError
 
+from console.device_link import REVOKED_CODE
 from console.disk_reserve import RESERVE_BYTES
 from console.recordings import Recordings
 from console.server import ConsoleServer
@@ -196,6 +198,23 @@ def test_of_very_many_events_few_are_kept_in_memory_none_is_lost_and_none_is_sho
         device.socket.close()
         assert shown_once(shown) == list(range(2, events[-1].sequence + 1))
     assert_whole(disk.folder / "data", [(1, "before"), *((event.sequence, event.text) for event in events)])
+
+
+def test_on_a_full_disk_a_link_whose_token_is_void_ends_all_the_same(
+    disk: SmallDisk, tmp_path: Path, small_site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.accounts.SEEN_STEP_S", -1.0)
+    with console_on(disk, tmp_path, small_site) as server:
+        (admin, device, _), services = begun(server), server.services
+        looking = next(timer for timer in services.timers if timer._name == "signed in")
+        looking.close()
+        with admin.live() as live:
+            assert live.recv(timeout=20)
+            services.devices.revoke_token("Glasses", "another program")
+            disk.fill()
+            with pytest.raises(OperationalError):
+                looking._work()
+            assert device.close_code()[0] == REVOKED_CODE
 
 
 def test_on_a_disk_that_fails_nothing_is_lost_and_whoever_watches_goes_on(tmp_path: Path, small_site: Site) -> None:

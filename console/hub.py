@@ -55,12 +55,14 @@ from navcore.wire import (
     WalkerState,
     Watchers,
 )
-from navcore.wire_pace import Allowances
+from navcore.wire_pace import Allowance, Allowances
 from navcore.wire_row import Direction
 
 _log = logging.getLogger(__name__)
 _WAIT_S = 5.0
 """So long whoever has asked too often is told to wait."""
+STOPPING: frozenset[type[ConsoleMessage]] = frozenset({Pause, ClearDestination})
+STOPS_OF_PERSON_HZ = 2.0
 FORGOTTEN_AFTER_S = 86_400.0
 """A device that has been away for so long is known no more than after a restart of the console."""
 Listener = Callable[[LiveDevice], None]
@@ -97,6 +99,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._allowances: dict[str, Allowances] = {}
         """Of what people ask of each connected device: more than the table allows would end its link."""
+        self._stops: dict[str, dict[tuple[str, type[ConsoleMessage]], Allowance]] = {}
+        """Of what stops each connected walker, by who asks for it."""
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
         self._ahead: set[str] = set()
@@ -152,6 +156,7 @@ class DeviceHub:
                 older.close(4409, "The same device has connected again.")
             clock = self._clocks[hello.device_id] = ClockOffset(hello.now_s, now_s)
             self._allowances[hello.device_id] = Allowances(MESSAGES, Direction.DOWN, now_s)
+            self._stops[hello.device_id] = {}
             self._outlets[hello.device_id] = outlet
             known = self._devices.get(hello.device_id)
             device = LiveDevice(
@@ -173,7 +178,7 @@ class DeviceHub:
         with self._lock:
             if self._outlets.get(device_id) is not outlet:
                 return
-            del self._outlets[device_id], self._allowances[device_id]
+            del self._outlets[device_id], self._allowances[device_id], self._stops[device_id]
             device = self._devices[device_id]
             now_s = self.now_s()
             commands = tuple(
@@ -344,7 +349,7 @@ class DeviceHub:
         with self._lock:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
-            if not self._allowances[device_id].take(type(message), now_s):
+            if not self._may_ask(device_id, type(message), who, now_s):
                 raise TooManyError(f"{device.name} has been asked that too often: wait a few seconds.", _WAIT_S)
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
             if isinstance(message, Order):
@@ -357,6 +362,14 @@ class DeviceHub:
         outlet.send(message)
         self.on_command(device_id, command)
         return command
+
+    def _may_ask(self, device_id: str, kind: type[ConsoleMessage], who: str, now_s: float) -> bool:
+        if kind in STOPPING:
+            # Whoever presses and presses keeps nobody else from stopping the walker.
+            own = self._stops[device_id].setdefault((who, kind), Allowance(STOPS_OF_PERSON_HZ, now_s))
+            if not own.take(now_s):
+                return False
+        return self._allowances[device_id].take(kind, now_s)
 
     def _put(self, device: LiveDevice) -> None:
         self._devices[device.device_id] = device

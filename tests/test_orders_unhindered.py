@@ -11,10 +11,14 @@ from pathlib import Path
 import pytest
 from console_room import DialledDevice, Person, first_admin, hello_of, serving, until
 
+from console.errors import TooManyError
+from console.hub import STOPS_OF_PERSON_HZ
 from console.server import ConsoleServer
 from console.store import DATABASE_FILE
 from navcore.site import Site, save_site
-from navcore.wire import AskColour, ClearDestination, Order, Pause
+from navcore.wire import MESSAGES, AskColour, ClearDestination, ConsoleMessage, Order, Pause
+from navcore.wire_pace import BURST_S, Allowances
+from navcore.wire_row import Direction
 
 
 @contextmanager
@@ -83,3 +87,22 @@ def test_a_walker_is_asked_for_a_picture_only_once_that_is_written_down(
     assert isinstance(device.next(Order), AskColour)
     asking.join()
     assert ("colour", "glasses") in [(entry.what, entry.device_id) for entry in server.services.access.latest(5)]
+
+
+def test_whoever_presses_without_end_keeps_nobody_else_from_stopping_the_walker_and_the_link_holds(
+    server: ConsoleServer, device: DialledDevice
+) -> None:
+    hub, sent = server.services.hub, list[type[ConsoleMessage]]()
+    counted = Allowances(MESSAGES, Direction.DOWN, 0.0)
+    for stop, kind in ((hub.pause, Pause), (hub.clear, ClearDestination)):
+        with pytest.raises(TooManyError):
+            for _ in range(int(2 * BURST_S * STOPS_OF_PERSON_HZ)):
+                stop("glasses", "Ada")
+                sent.append(kind)
+        stop("glasses", "Ben")
+        sent.append(kind)
+        with pytest.raises(TooManyError):
+            stop("glasses", "Ada")
+    for kind in sent:
+        device.next(kind)
+        assert counted.take(kind, 0.0), "a device that counts ends the link"

@@ -95,7 +95,7 @@ def test_whoever_presses_without_end_keeps_nobody_else_from_stopping_the_walker_
     hub, sent = server.services.hub, list[type[ConsoleMessage]]()
     counted = Allowances(MESSAGES, Direction.DOWN, 0.0)
     for stop, kind in ((hub.pause, Pause), (hub.clear, ClearDestination)):
-        with pytest.raises(TooManyError):
+        with pytest.raises(TooManyError):  # noqa: PT012
             for _ in range(int(2 * BURST_S * STOPS_OF_PERSON_HZ)):
                 stop("glasses", "Ada")
                 sent.append(kind)

@@ -6,14 +6,12 @@ admin invites others by such links, and nobody but the person ever knows the pas
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
 from sqlalchemy import delete, func, select, update
-from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError, TooManyError
@@ -65,6 +63,8 @@ class Accounts:
         self._by_account = SignInLimit(steady_s, FAILURES_OF_ACCOUNT_COUNT, ACCOUNT_WAITS_S)
         self._hashing = threading.BoundedSemaphore(MAX_HASHING_COUNT)
         self._on_session_end = on_session_end
+        self._seen_s: dict[str, float] = {}
+        """When sessions were used, as far as it is not written yet: an order must not wait for the database."""
 
     # -------------------------------------------------------------------------------------------------- links
     def first_admin_link_token(self) -> str | None:
@@ -155,10 +155,10 @@ class Accounts:
             row = session.get(SessionRow, hash_of_token(token))
             user = session.get(UserRow, row.user_id) if row else None
         now_s = self._store.wall_s()
-        if row is None or user is None or not _goes_on(row, user, now_s):
+        if row is None or user is None or not self._goes_on(row, user, now_s):
             return None
         if abs(now_s - row.last_seen_at_s) > SEEN_STEP_S:
-            self._note_seen(row.token_hash, now_s)
+            self._seen_s[row.token_hash] = now_s
         return SignedIn(row.token_hash, user.id, user.name, _role(user.role))
 
     def over(self, session_ids: Collection[str]) -> set[str]:
@@ -167,10 +167,11 @@ class Accounts:
         with self._store.reading() as session:
             rows = session.execute(chosen.where(SessionRow.token_hash.in_(session_ids))).all()
         now_s = self._store.wall_s()
-        return set(session_ids) - {row.token_hash for row, user in rows if _goes_on(row, user, now_s)}
+        return set(session_ids) - {row.token_hash for row, user in rows if self._goes_on(row, user, now_s)}
 
     def note_used(self, session_ids: Collection[str]) -> None:
-        """A page that is open uses its session, though it may ask for nothing."""
+        """Write down that sessions are used: a page that is open uses its own, though it may ask for nothing."""
+        self._write_seen()
         now_s = self._store.wall_s()
         stale = SessionRow.token_hash.in_(session_ids), SessionRow.last_seen_at_s < now_s - SEEN_STEP_S
         with self._store.reading() as session:
@@ -294,10 +295,20 @@ class Accounts:
         session.add(user)
         return user
 
-    def _note_seen(self, session_id: str, now_s: float) -> None:
-        # Whoever watches goes on watching where the disk takes nothing just now.
-        with contextlib.suppress(OperationalError), self._store.writing() as session:
-            session.execute(update(SessionRow).where(SessionRow.token_hash == session_id).values(last_seen_at_s=now_s))
+    def _goes_on(self, row: SessionRow, user: UserRow, now_s: float) -> bool:
+        return _goes_on(row, user, self._seen_s.get(row.token_hash, row.last_seen_at_s), now_s)
+
+    def _write_seen(self) -> None:
+        seen_s = dict(self._seen_s)
+        if not seen_s:
+            return
+        with self._store.writing() as session:
+            for session_id, at_s in seen_s.items():
+                mine = SessionRow.token_hash == session_id
+                session.execute(update(SessionRow).where(mine).values(last_seen_at_s=at_s))
+        for session_id, at_s in seen_s.items():
+            if self._seen_s.get(session_id) == at_s:
+                del self._seen_s[session_id]
 
     def _tell_ended(self, session_ids: list[str]) -> None:
         for session_id in session_ids:
@@ -345,11 +356,11 @@ def _take_back(attempts: list[tuple[SignInLimit, Attempt]]) -> None:
         limit.succeeded(attempt)
 
 
-def _goes_on(row: SessionRow, user: UserRow, now_s: float) -> bool:
+def _goes_on(row: SessionRow, user: UserRow, seen_s: float, now_s: float) -> bool:
     """Whether a session is neither too old, nor too long unused, nor of somebody who is locked out."""
     # Either way: a session that was begun while the clock was years ahead is not to last for years.
     is_young = abs(now_s - row.created_at_s) <= SESSION_LONGEST_S
-    is_used = abs(now_s - row.last_seen_at_s) <= SESSION_IDLE_S
+    is_used = abs(now_s - seen_s) <= SESSION_IDLE_S
     return is_young and is_used and user.disabled_at_s is None
 
 

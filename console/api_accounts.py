@@ -114,6 +114,8 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/audit")
     def audit() -> Response:
+        # What was done until now is to be seen.
+        services.late_audit.write()
         rows = services.store.latest_audit(AUDIT_SHOWN_COUNT)
         return json_response(
             {"audit": [{"at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail} for r in rows]}

@@ -23,6 +23,7 @@ from console.event_intake import EventIntake
 from console.hub import DeviceHub
 from console.outlet import Closing, SocketOutlet
 from console.services import Services
+from console.shown_events import ShownEvents
 from console.storage_trouble import refusal_of
 from console.told_once import ToldOnce
 from navcore.errors import SiteError, VersionError, WireError
@@ -64,12 +65,13 @@ REVOKED_CODE = 4401
 def add_routes(app: FastAPI, services: Services) -> None:
     """Add the routes."""
 
-    told = ToldOnce(services.hub.now_s)
+    told, shown = ToldOnce(services.hub.now_s), ShownEvents()
+    services.hub.subscribe_forgotten(shown.forget)
 
     @app.websocket("/device")
     async def device(socket: WebSocket) -> None:
         await socket.accept()
-        await _serve(socket, services, str(socket.state.device_name), str(socket.state.device_token_id), told)
+        await _serve(socket, services, str(socket.state.device_name), str(socket.state.device_token_id), told, shown)
 
     @app.get("/api/device/map/{sha256}", response_class=Response, responses=answers_with("application/zip"))
     def device_map(sha256: str) -> Response:
@@ -78,7 +80,9 @@ def add_routes(app: FastAPI, services: Services) -> None:
         return FileResponse(packed.file, media_type="application/zip", headers={"ETag": f'"{packed.sha256}"'})
 
 
-async def _serve(socket: WebSocket, services: Services, token_name: str, token_id: str, told: ToldOnce) -> None:
+async def _serve(
+    socket: WebSocket, services: Services, token_name: str, token_id: str, told: ToldOnce, shown: ShownEvents
+) -> None:
     try:
         hello = await _hello(socket)
         await run_in_threadpool(services.devices.take_in, hello.device_id, token_name)
@@ -93,7 +97,7 @@ async def _serve(socket: WebSocket, services: Services, token_name: str, token_i
     except WireError as error:
         await _close(socket, UNREADABLE_CODE, str(error))
         return
-    await _run(socket, services, hello, token_name, token_id, told)
+    await _run(socket, services, hello, token_name, token_id, told, shown)
 
 
 async def _hello(socket: WebSocket) -> Hello:
@@ -102,7 +106,13 @@ async def _hello(socket: WebSocket) -> Hello:
 
 
 async def _run(
-    socket: WebSocket, services: Services, hello: Hello, token_name: str, token_id: str, told: ToldOnce
+    socket: WebSocket,
+    services: Services,
+    hello: Hello,
+    token_name: str,
+    token_id: str,
+    told: ToldOnce,
+    shown: ShownEvents,
 ) -> None:
     hub, outlet = services.hub, SocketOutlet(asyncio.get_running_loop())
     try:
@@ -113,7 +123,7 @@ async def _run(
     last = await run_in_threadpool(services.devices.last_sequence, hello.device_id)
     events = await run_in_threadpool(services.devices.latest_events, hello.device_id, EVENTS_SHOWN_COUNT)
     intake = EventIntake(
-        services.devices, hello.device_id, lambda event: outlet.send(EventConfirmed(event.sequence))
+        services.devices, hello.device_id, lambda event: outlet.send(EventConfirmed(event.sequence)), shown
     )  # fmt: skip
     outlet.send(Welcome(PROTOCOL_VERSION, last))
     hub.connect(hello, token_name, outlet, events)

@@ -13,17 +13,20 @@ RESERVE_BYTES = 4 << 20
 _FILE = "reserve"
 
 
-def put_by(folder: Path) -> None:
-    """Take the room where it is not taken yet; where there is none, nothing is put by."""
+def put_by(folder: Path) -> bool:
+    """Take the room where it is not taken yet; return whether it is: where there is none, nothing is put by."""
     path = folder / _FILE
     with contextlib.suppress(OSError), path.open("ab") as out:
         if os.fstat(out.fileno()).st_blocks * 512 >= RESERVE_BYTES:
-            return
+            return True
         try:
             os.posix_fallocate(out.fileno(), 0, RESERVE_BYTES)
         except OSError:
             # Half of it would help nobody.
             path.unlink()
+        else:
+            return True
+    return False
 
 
 def release(folder: Path) -> bool:

@@ -55,15 +55,21 @@ from navcore.wire import (
     WalkerState,
     Watchers,
 )
-from navcore.wire_pace import Allowances
+from navcore.wire_pace import Allowance, Allowances
 from navcore.wire_row import Direction
 
 _log = logging.getLogger(__name__)
 _WAIT_S = 5.0
 """So long whoever has asked too often is told to wait."""
+STOPPING: frozenset[type[ConsoleMessage]] = frozenset({Pause, ClearDestination})
+STOPS_OF_PERSON_HZ = 2.0
 FORGOTTEN_AFTER_S = 86_400.0
 """A device that has been away for so long is known no more than after a restart of the console."""
 Listener = Callable[[LiveDevice], None]
+
+
+def _nothing(device_id: str, command: Command) -> None:
+    """Nobody keeps a log."""
 
 
 class Outlet(Protocol):
@@ -93,6 +99,8 @@ class DeviceHub:
         self._clocks: dict[str, ClockOffset] = {}
         self._allowances: dict[str, Allowances] = {}
         """Of what people ask of each connected device: more than the table allows would end its link."""
+        self._stops: dict[str, dict[tuple[str, type[ConsoleMessage]], Allowance]] = {}
+        """Of what stops each connected walker, by who asks for it."""
         self._colours: dict[str, ColourImage] = {}
         """Beside the devices, so that nobody who keeps what they say keeps a colour picture with it."""
         self._ahead: set[str] = set()
@@ -101,7 +109,9 @@ class DeviceHub:
         self._forgetting: list[Callable[[str], None]] = []
         self._command_ids = itertools.count(1)
         self.on_command: Callable[[str, Command], None] = _nothing
-        """Called with device and command before it is sent, whoever asks: the audit log."""
+        """Called with device and command after it was sent, whoever asks: the audit log, which nobody waits for."""
+        self.before_colour: Callable[[str, Command], None] = _nothing
+        """Called before a walker is asked for a picture: what it raises keeps them from being asked."""
 
     # ------------------------------------------------------------------------------------------------ reading
     def devices(self) -> tuple[LiveDevice, ...]:
@@ -146,6 +156,7 @@ class DeviceHub:
                 older.close(4409, "The same device has connected again.")
             clock = self._clocks[hello.device_id] = ClockOffset(hello.now_s, now_s)
             self._allowances[hello.device_id] = Allowances(MESSAGES, Direction.DOWN, now_s)
+            self._stops[hello.device_id] = {}
             self._outlets[hello.device_id] = outlet
             known = self._devices.get(hello.device_id)
             device = LiveDevice(
@@ -167,7 +178,7 @@ class DeviceHub:
         with self._lock:
             if self._outlets.get(device_id) is not outlet:
                 return
-            del self._outlets[device_id], self._allowances[device_id]
+            del self._outlets[device_id], self._allowances[device_id], self._stops[device_id]
             device = self._devices[device_id]
             now_s = self.now_s()
             commands = tuple(
@@ -313,7 +324,8 @@ class DeviceHub:
     def ask_colour(self, device_id: str, why: str, who: str) -> Command:
         """Ask the walker to let somebody see colour pictures for a minute."""
         request_id = int(self._wall_s() * 1000)
-        return self._command(device_id, "ask_colour", str(request_id), who, AskColour(request_id, who, why))
+        message = AskColour(request_id, who, why)
+        return self._command(device_id, "ask_colour", str(request_id), who, message, first=self.before_colour)
 
     def apply_settings(self, device_id: str, order: ApplySettings, who: str) -> Command:
         """Have the device change its settings."""
@@ -325,11 +337,19 @@ class DeviceHub:
         return self._command(device_id, kind, str(revision), who, KeepSettings(revision, keep))
 
     # ----------------------------------------------------------------------------------------------- internals
-    def _command(self, device_id: str, kind: CommandKind, detail: str, who: str, message: ConsoleMessage) -> Command:
+    def _command(
+        self,
+        device_id: str,
+        kind: CommandKind,
+        detail: str,
+        who: str,
+        message: ConsoleMessage,
+        first: Callable[[str, Command], None] = _nothing,
+    ) -> Command:
         with self._lock:
             device, outlet = self.device(device_id), self.require_connected(device_id)
             now_s = self.now_s()
-            if not self._allowances[device_id].take(type(message), now_s):
+            if not self._may_ask(device_id, type(message), who, now_s):
                 raise TooManyError(f"{device.name} has been asked that too often: wait a few seconds.", _WAIT_S)
             command = Command(next(self._command_ids), kind, detail, who, self._wall_s(), asked_s=now_s)
             if isinstance(message, Order):
@@ -338,9 +358,18 @@ class DeviceHub:
             kept = device.commands[-COMMANDS_KEPT_COUNT + 1 :]
             earlier = tuple(_dated(old, superseded(old, command), now_s) for old in kept)
             self._put(replace(device, commands=(*earlier, command)))
-        self.on_command(device_id, command)
+        first(device_id, command)
         outlet.send(message)
+        self.on_command(device_id, command)
         return command
+
+    def _may_ask(self, device_id: str, kind: type[ConsoleMessage], who: str, now_s: float) -> bool:
+        if kind in STOPPING:
+            # Whoever presses and presses keeps nobody else from stopping the walker.
+            own = self._stops[device_id].setdefault((who, kind), Allowance(STOPS_OF_PERSON_HZ, now_s))
+            if not own.take(now_s):
+                return False
+        return self._allowances[device_id].take(kind, now_s)
 
     def _put(self, device: LiveDevice) -> None:
         self._devices[device.device_id] = device
@@ -438,7 +467,3 @@ def _expires_s(device: LiveDevice, now_s: float) -> float | None:
 def _dated(before: Command, after: Command, now_s: float) -> Command:
     """Return what has become of a command, with the time that it took where that is news."""
     return after if after.state == before.state else replace(after, took_s=now_s - after.asked_s)
-
-
-def _nothing(device_id: str, command: Command) -> None:
-    """Nobody keeps a log."""

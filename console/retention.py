@@ -15,8 +15,10 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import msgspec
+from sqlalchemy.exc import OperationalError
 
 from console.errors import BadRequestError
 from console.store import Store
@@ -69,12 +71,17 @@ class Retention:
         store: Store,
         kinds: Mapping[str, DeleteBefore],
         steady_s: Callable[[], float] = lambda: time.clock_gettime(time.CLOCK_BOOTTIME),
+        note: Callable[[str, str, str], None] | None = None,
     ) -> None:
-        """``kinds`` tells how each kind of thing is deleted, by its name for people.
+        """``kinds`` tells how each kind of thing is deleted, by its name for people; what lies in files comes first.
 
-        ``steady_s`` is a clock that nobody sets, and that goes on while the machine sleeps.
+        ``steady_s`` is a clock that nobody sets, and that goes on while the machine sleeps. ``note`` writes down who
+        had things deleted; by default in the database, at once.
         """
         self._store, self._kinds, self._steady_s = store, kinds, steady_s
+        self._note = note or store.audit
+        self._clock: ClockTrust | None = None
+        """As it was looked at last: it may be that it could not be written."""
         self._looked_s: float | None = None
         self._running = threading.Lock()
         self.last_run: RetentionRun | None = None
@@ -92,16 +99,23 @@ class Retention:
         if not MIN_DAYS <= days <= MAX_DAYS:
             raise BadRequestError(f"Things cannot be kept for {days} days: give {MIN_DAYS} to {MAX_DAYS}.")
         before = self.days
-        with self._store.writing() as session:
-            session.merge(KeptValueRow(name=_KEPT_AS, value_json=json.dumps(days)))
-            self._store.add_audit(session, by, "retention", f"{before} → {days} days")
+
+        def write() -> None:
+            with self._store.writing() as session:
+                session.merge(KeptValueRow(name=_KEPT_AS, value_json=json.dumps(days)))
+                self._store.add_audit(session, by, "retention", f"{before} → {days} days")
+
+        self._store.by_reserve(write)
         self.run()
 
     def delete_now(self, by: str) -> RetentionRun:
         """Delete what is too old by this machine's clock, because somebody asks for it."""
-        believe_clock(self._store)
-        self._store.audit(by, "retention_run", f"older than {self.days} days")
-        return self.run()
+        now_s = self._store.wall_s()
+        self._clock = ClockTrust(now_s, now_s)
+        # Deleting comes first: it makes the room to write it down.
+        run = self.run()
+        self._note(by, "retention_run", f"older than {self.days} days")
+        return run
 
     def run(self) -> RetentionRun:
         """Delete what is too old; what cannot be deleted is said, and hinders nothing else."""
@@ -111,7 +125,7 @@ class Retention:
             deleted, problems = dict[str, int](), _said_of(clock)
             for kind, delete_before in self._kinds.items():
                 try:
-                    deleted[kind] = delete_before(before_s)
+                    deleted[kind] = self._store.by_reserve(partial(delete_before, before_s))
                 except UndeletedError as error:
                     deleted[kind] = error.deleted
                     problems.append(f"{kind}: {error}")
@@ -120,6 +134,7 @@ class Retention:
                     _log.exception("%s could not be deleted", kind)
                     problems.append(f"{kind}: {error or type(error).__name__}")
             problems += self._wipe()
+            self._store.put_by_again()
             for problem in problems:
                 _log.warning("Not deleted: %s", problem)
             self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))
@@ -129,10 +144,14 @@ class Retention:
         now_s, steady_s = self._store.wall_s(), self._steady_s()
         passed_s = None if self._looked_s is None else steady_s - self._looked_s
         self._looked_s = steady_s
-        before = _kept_clock(self._store)
-        clock = ClockTrust(now_s, now_s) if before is None else looked_at(before, now_s, passed_s)
-        _keep_clock(self._store, clock)
-        return clock
+        before = self._clock or _kept_clock(self._store)
+        self._clock = ClockTrust(now_s, now_s) if before is None else looked_at(before, now_s, passed_s)
+        try:
+            _keep_clock(self._store, self._clock)
+        except OperationalError as error:
+            # Nothing is kept longer for that: what is deleted now makes room.
+            _log.warning("How far the clock is trusted is not written down: %s", error.orig)
+        return self._clock
 
     def _wipe(self) -> list[str]:
         """Wipe the traces of what was deleted, at each run: an earlier one may have been hindered, or cut off."""

@@ -17,7 +17,7 @@ from console.device_store import DeviceStore
 from console.exports import Exports
 from console.hub import DeviceHub
 from console.incident_timeline import IncidentTimelines
-from console.late_audit import LateAudit
+from console.late_audit import WRITE_EVERY_S, LateAudit
 from console.live import EVENTS_KEPT_COUNT, Command
 from console.map_builds import MapBuilds
 from console.map_package import MapPackage
@@ -105,7 +105,7 @@ class Services:
     watching: Watching
     """Who watches which walker now."""
     late_audit: LateAudit
-    """Orders to devices, written down as soon as the disk takes them."""
+    """Orders to devices, written down beside whoever gives them."""
     retention: Retention
     """Deletes what is too old."""
     timers: tuple[Repeating, ...]
@@ -128,31 +128,34 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
     def commanded(device_id: str, command: Command) -> None:
         # What was said to a walker is theirs; that something was said is not.
         detail = device_id if command.kind == "say" else f"{device_id} {command.detail}"
-        if command.kind == "ask_colour":
-            # Nobody is asked for what cannot be written down.
-            access.note(command.who, "colour", device_id)
         late_audit.note(command.who, f"device_{command.kind}", detail)
+
+    def asks_for_colour(device_id: str, command: Command) -> None:
+        # Nobody is asked for what cannot be written down.
+        access.note(command.who, "colour", device_id)
 
     def look_who_watches() -> None:
         hub.forget_colours()
         watching.look()
-        late_audit.write()
 
     def look_who_is_signed_in() -> None:
         close_what_is_over(sockets, accounts.over, session_ended)
-        accounts.note_used(sockets.session_ids())
         close_void_links()
+        # Last: it writes, which a full disk refuses.
+        accounts.note_used(sockets.session_ids())
 
     def tell_accesses(device_id: str) -> None:
         for each in (device_id,) if device_id else hub.connected_ids():
             hub.send(each, access.told_to(each))
 
     late_audit = LateAudit(store)
+    auditing = Repeating("audit log", WRITE_EVERY_S, late_audit.write)
+    late_audit.on_noted = auditing.wake
     access = AccessLog(store)
     access.on_changed = tell_accesses
     watching = Watching(hub.now_s, access, hub)
     model.subscribe(model_changed)
-    hub.on_command = commanded
+    hub.on_command, hub.before_colour = commanded, asks_for_colour
     accounts = Accounts(store, hub.now_s, session_ended)
     devices = DeviceStore(store)
     close_void_links = partial(close_what_is_over, device_sockets, devices.void, device_sockets.close)
@@ -177,7 +180,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         "Access log": access.delete_before,
         "Orders in the audit log": store.redact_audit_before,
     }
-    retention = Retention(store, kept_of_walkers)
+    retention = Retention(store, kept_of_walkers, note=late_audit.note)
     builds = MapBuilds(recordings, config.data_folder / "maps")
     surveys = Surveys(config.site_folder, package.checksum, config.data_folder / "surveys")
     checks = MapChecks(model, surveys, device_settings=partial(_running_settings, tuning, hub))
@@ -217,6 +220,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
         late_audit=late_audit,
         retention=retention,
         timers=(
+            auditing,
             Repeating("retention", EVERY_S, retention.run),
             Repeating("watching", LOOK_EVERY_S, look_who_watches),
             Repeating("signed in", LOOK_WHO_IS_SIGNED_IN_EVERY_S, look_who_is_signed_in),

@@ -34,6 +34,11 @@ def refusal_of(error: Exception) -> ConsoleError | None:
     return None
 
 
+def is_full(error: Exception) -> bool:
+    """Whether this failed because a disk is full."""
+    return isinstance(refusal_of(error), NoRoomError)
+
+
 def _of_database(error: OperationalError) -> ConsoleError:
     code = getattr(error.orig, "sqlite_errorcode", 0) & _PRIMARY_CODE
     if code == sqlite3.SQLITE_FULL:

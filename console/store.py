@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import Connection, Engine, create_engine, event, insert, inspect, select, update
 from sqlalchemy.exc import DatabaseError, OperationalError
@@ -20,9 +20,11 @@ from sqlalchemy.orm import Session
 
 from console.data_lock import DataLock
 from console.disk_reserve import put_by, release
+from console.storage_trouble import is_full
 from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
 from navcore.errors import InputError
 
+T = TypeVar("T")
 DATABASE_FILE = "console.sqlite3"
 _log = logging.getLogger(__name__)
 _WRITES = "vbr_writes"
@@ -42,10 +44,16 @@ class Store:
     """
 
     def __init__(
-        self, engine: Engine, where: str, wall_s: Callable[[], float] = time.time, lock: DataLock | None = None
+        self,
+        engine: Engine,
+        where: str,
+        wall_s: Callable[[], float] = time.time,
+        lock: DataLock | None = None,
+        folder: Path | None = None,
     ) -> None:
-        """``lock`` is held as long as the database is open."""
-        self.wall_s, self._lock = wall_s, lock
+        """``lock`` is held as long as the database is open; ``folder`` is where room is put by for a full disk."""
+        self.wall_s, self._lock, self._folder = wall_s, lock, folder
+        self._reserve_is_used = False
         self._engine = engine
         self._writing_engine = engine.execution_options(**{_WRITES: True})
         self._write_lock = threading.RLock()
@@ -80,6 +88,21 @@ class Store:
         """Open a session that is committed at the end of the block, durably; an exception undoes it."""
         with self._write_lock, Session(self._writing_engine, expire_on_commit=False) as session, session.begin():
             yield session
+
+    def by_reserve(self, work: Callable[[], T]) -> T:
+        """Do what frees the disk; where that is full, by the room that was put by, until :meth:`put_by_again`."""
+        try:
+            return work()
+        except OperationalError as error:
+            if self._folder is None or not is_full(error) or not release(self._folder):
+                raise
+            self._reserve_is_used = True
+            return work()
+
+    def put_by_again(self) -> None:
+        """Put by what :meth:`by_reserve` used, as soon as there is room."""
+        if self._reserve_is_used and self._folder is not None:
+            self._reserve_is_used = not put_by(self._folder)
 
     def audit(self, who: str, action: str, detail: str = "") -> None:
         """Write down who did what."""
@@ -136,7 +159,7 @@ def _opened(folder: Path, wall_s: Callable[[], float], lock: DataLock) -> Store:
     path = folder / DATABASE_FILE
 
     def opened() -> Store:
-        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s, lock)
+        return Store(_sqlite_engine(f"sqlite:///{path}"), str(path), wall_s, lock, folder)
 
     try:
         store = opened()

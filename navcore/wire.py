@@ -424,6 +424,8 @@ ConsoleMessage = (
     | MapAvailable | BeginMapWalk | EndMapWalk | Watchers | AskColour | Accesses | EventConfirmed | Ping | KeepSettings
 )  # fmt: skip
 
+STOPS_HZ = 20.0
+"""What stops a walker may come from many persons at once, each of whom keeps to what other orders may."""
 _UP, _DOWN = Direction.UP, Direction.DOWN
 _KIB = 1 << 10
 _ROWS = (
@@ -445,8 +447,8 @@ _ROWS = (
     MessageRow(Ping, _DOWN, 3, f"every {PING_EVERY_S:g} s", 5.0, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(EventConfirmed, _DOWN, 1, "when it is stored", None, 1, Delivery.ANSWER, 1 * _KIB),
     MessageRow(SetDestination, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 4 * _KIB),
-    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
-    MessageRow(Pause, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(ClearDestination, _DOWN, 6, "when somebody acts", STOPS_HZ, 2, Delivery.ORDER, 1 * _KIB),
+    MessageRow(Pause, _DOWN, 6, "when somebody acts", STOPS_HZ, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Resume, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(Repeat, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),
     MessageRow(BeginMapWalk, _DOWN, 6, "when somebody acts", 2.0, 2, Delivery.ORDER, 1 * _KIB),

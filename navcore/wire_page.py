@@ -43,7 +43,9 @@ one that the console had stored, but not confirmed, before the disk was passed o
 
 A disk that is full, at either end, does not end the link. The device's journal goes on telling what it holds, notes in
 memory what is confirmed, and tries every 5 s to store what the disk did not take. The console shows an event that it
-cannot store, and confirms it when it has stored it; a device that it knows is taken in all the same.
+cannot store, and confirms it when it has stored it; a device that it knows is taken in all the same. Of very many it
+keeps the first alone; once these are stored it ends the link, and the device joins anew and sends the others again.
+What was shown before is known by all that it says, and not shown again.
 
 ## Clocks
 

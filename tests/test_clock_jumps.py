@@ -227,6 +227,7 @@ def test_who_watches_sees_a_walker_as_live_as_before_and_hears_no_alert(
             services.alerts.check()
         assert services.alerts.active() == ()
         hub.repeat("glasses", "Ada")
+        services.late_audit.write()
         with services.store.reading() as session:
             rows = session.scalars(select(AuditRow).where(AuditRow.action == "device_repeat")).all()
         assert [row.id for row in rows] == sorted(row.id for row in rows)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 import sqlite3
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
@@ -10,13 +12,18 @@ from pathlib import Path
 import pytest
 from console_room import DialledDevice, Person, first_admin, hello_of, serving, until
 from small_disk import SmallDisk, failing_disk, small_disk
+from sqlalchemy.exc import OperationalError
 
+from console.device_link import REVOKED_CODE
+from console.disk_reserve import RESERVE_BYTES
+from console.recordings import Recordings
 from console.server import ConsoleServer
 from console.store import DATABASE_FILE, Store
 from navcore.errors import InputError
 from navcore.modes import Mode
+from navcore.recording_upload import RecordingOffer
 from navcore.site import Site, save_site
-from navcore.wire import Event, EventConfirmed, Pause, WalkerState
+from navcore.wire import Event, EventConfirmed, Pause, WalkerState, Welcome
 
 _MOST_LOGGED = 40
 
@@ -52,7 +59,6 @@ def assert_refused(admin: Person, status: int, words: str) -> None:
         ("/api/edits", {"edit": "update_poi", "poi_id": "b", "name": "Tea bar"}), ("/api/undo", None),
         ("/api/publish", {"confirmed": True, "version": before["version"]}), ("/api/versions", {"name": "A name"}),
         ("/api/users", {"name": "Vera", "role": "viewer"}), ("/api/tokens", {"name": "Another"}),
-        ("/api/privacy/days", {"days": 3}),
     ):  # fmt: skip
         answer = admin.http.post(path, json=body)
         assert (answer.status_code, words in answer.json()["error"]) == (status, True), (path, answer.text)
@@ -91,6 +97,25 @@ def begun(server: ConsoleServer) -> tuple[Person, DialledDevice, str]:
     return admin, device, token
 
 
+def long_ago_s() -> float:
+    return time.time() - 30 * 86_400.0
+
+
+def old_walk(folder: Path) -> Path:
+    """A walk of some megabytes that came long ago; return its file."""
+    recordings, data = Recordings(folder, long_ago_s, lambda _: 1 << 40), bytes(3 << 20)
+    sha256 = hashlib.sha256(data).hexdigest()
+    recordings.offer(RecordingOffer("walk", "a walk", len(data), sha256), "Glasses")
+    for offset in range(0, len(data), 1 << 20):
+        recordings.add(sha256, offset, data[offset : offset + (1 << 20)])
+    return recordings.named(sha256).file
+
+
+def shown_once(shown: list[int]) -> list[int]:
+    """The newest event that was shown, each time that another one is."""
+    return [number for number, before in zip(shown, [0, *shown], strict=False) if number != before]
+
+
 def assert_whole(data: Path, events: list[tuple[int, str]]) -> None:
     with closing(sqlite3.connect(data / DATABASE_FILE)) as base:
         assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)
@@ -115,6 +140,81 @@ def test_on_a_full_disk_nothing_is_lost_and_whoever_watches_goes_on(
     with console_on(disk, tmp_path, small_site) as server:
         deeds = [row.action for row in server.services.store.latest_audit(100)]
         assert deeds.count("device_pause") == 1, "written down as soon as there was room"
+
+
+def test_what_is_too_old_is_deleted_from_a_full_disk_which_makes_room(
+    disk: SmallDisk, tmp_path: Path, small_site: Site
+) -> None:
+    with console_on(disk, tmp_path, small_site) as server:
+        (admin, device, _), services = begun(server), server.services
+        device.socket.close()
+        services.store.wall_s = long_ago_s
+        services.devices.add_event("glasses", Event(2, 2.0, "cue", "long ago"))
+        services.store.wall_s = time.time
+        disk.fill()
+        # Nothing lies in files: it goes by the room that was put by, which is put by again.
+        run = admin.http.post("/api/privacy/delete").raise_for_status().json()["last_run"]
+        assert (run["problems"], run["deleted"]["Events"]) == ([], 1)
+        assert (disk.folder / "data" / "reserve").stat().st_blocks * 512 >= RESERVE_BYTES
+        disk.free()
+        walk = old_walk(disk.folder / "data" / "recordings")
+        disk.fill()
+        run = admin.http.post("/api/privacy/delete").raise_for_status().json()["last_run"]
+        assert (run["problems"], run["deleted"]["Walks"], walk.exists()) == ([], 1, False)
+        disk.fill()
+        assert services.retention.run().problems == ()
+        assert admin.http.post("/api/privacy/days", json={"days": 3}).raise_for_status().json()["days"] == 3
+        audit = {row["action"] for row in admin.http.get("/api/audit").json()["audit"]}
+        assert {"retention_run", "retention"} <= audit
+
+
+def test_of_very_many_events_few_are_kept_in_memory_none_is_lost_and_none_is_shown_twice(
+    disk: SmallDisk, tmp_path: Path, small_site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.event_intake.MAX_WAITING_COUNT", 16)
+    with console_on(disk, tmp_path, small_site) as server:
+        (_, device, token), hub, devices = begun(server), server.services.hub, server.services.devices
+        shown: list[int] = []
+        hub.subscribe(lambda known: shown.append(known.events[-1].sequence))
+        events = [Event(number, float(number), "cue", f"event {number}") for number in range(2, 50)]
+        disk.fill()
+        for joins in (1, 2):
+            for event in events:
+                device.send(event)
+            tell(server, device, 1 + joins)
+            assert sorted(set(shown)) == shown_once(shown) == list(range(2, events[-1].sequence + 1)), joins
+            if joins == 1:
+                device.socket.close()
+                device = DialledDevice(server.ready.url, token, hello_of(server, now_s=hub.now_s()))
+        disk.free()
+        # What was kept is stored; then the link ends, and what was not is sent again.
+        device.close_code()
+        assert devices.last_sequence("glasses") == 1 + 16
+        device = DialledDevice(server.ready.url, token, hello_of(server, now_s=hub.now_s()))
+        for event in events[device.next(Welcome).last_event_sequence - 1 :]:
+            device.send(event)
+        while device.next(EventConfirmed).sequence < events[-1].sequence:
+            pass
+        device.socket.close()
+        assert shown_once(shown) == list(range(2, events[-1].sequence + 1))
+    assert_whole(disk.folder / "data", [(1, "before"), *((event.sequence, event.text) for event in events)])
+
+
+def test_on_a_full_disk_a_link_whose_token_is_void_ends_all_the_same(
+    disk: SmallDisk, tmp_path: Path, small_site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("console.accounts.SEEN_STEP_S", -1.0)
+    with console_on(disk, tmp_path, small_site) as server:
+        (admin, device, _), services = begun(server), server.services
+        looking = next(timer for timer in services.timers if timer._name == "signed in")
+        looking.close()
+        with admin.live() as live:
+            assert live.recv(timeout=20)
+            services.devices.revoke_token("Glasses", "another program")
+            disk.fill()
+            with pytest.raises(OperationalError):
+                looking._work()
+            assert device.close_code()[0] == REVOKED_CODE
 
 
 def test_on_a_disk_that_fails_nothing_is_lost_and_whoever_watches_goes_on(tmp_path: Path, small_site: Site) -> None:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session, aliased
 from console.errors import BadRequestError, ConflictError, NotFoundError
 from console.secrets_kept import hash_of_token, new_token
 from console.store import Store
-from console.tables import DeviceRow, DeviceTokenRow, EventRow
+from console.tables import DeviceRow, DeviceTokenRow, EventRow, VoidTokenRow
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
@@ -73,12 +73,20 @@ class DeviceStore:
         shown = _spaced(name)
         return next((token for token in self.tokens() if token.name == shown and not token.revoked), None)
 
-    def ensure_token(self, name: str, token: str, by: str) -> None:
-        """Let a token that was made elsewhere in, for the device of this name."""
+    def ensure_token(self, name: str, token: str, by: str) -> bool:
+        """Let a token that was made elsewhere in, for the device of this name; one that is known keeps its own.
+
+        Returns False for one that was taken back, or that a newer one has replaced: it stays void.
+        """
+        token_hash = hash_of_token(token)
         with self._store.writing() as session:
-            row = session.get(DeviceTokenRow, name)
-            if row is None or row.token_hash != hash_of_token(token) or row.revoked_at_s is not None:
-                self._set_token(session, name, token, by)
+            if session.get(VoidTokenRow, token_hash) is not None:
+                return False
+            known = session.scalar(select(DeviceTokenRow).where(DeviceTokenRow.token_hash == token_hash))
+            if known is not None:
+                return known.revoked_at_s is None
+            self._set_token(session, name, token, by)
+        return True
 
     def revoke_token(self, name: str, by: str) -> None:
         """Lock a device out. Raises NotFoundError with the names there are."""
@@ -202,6 +210,8 @@ class DeviceStore:
     # ---------------------------------------------------------------------------------------------- internals
     def _set_token(self, session: Session, name: str, token: str, by: str) -> None:
         row = session.get(DeviceTokenRow, name) or DeviceTokenRow(name=name)
+        if row.token_hash is not None:
+            session.add(VoidTokenRow(token_hash=row.token_hash))
         row.token_hash = hash_of_token(token)
         row.created_by, row.created_at_s, row.revoked_at_s = by, self._store.wall_s(), None
         session.add(row)

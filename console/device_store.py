@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, get_args
 
 from sqlalchemy import delete, func, not_, select, update
@@ -90,7 +91,9 @@ class DeviceStore:
 
     def revoke_token(self, name: str, by: str) -> None:
         """Lock a device out. Raises NotFoundError with the names there are."""
-        name = _spaced(name)
+        self._store.urgently(partial(self._revoke, _spaced(name), by))
+
+    def _revoke(self, name: str, by: str) -> None:
         with self._store.writing() as session:
             row = session.get(DeviceTokenRow, name)
             if row is None:

@@ -123,8 +123,12 @@ def run_token(arguments: argparse.Namespace) -> None:
         if arguments.list:
             _list_tokens(devices)
         elif arguments.revoke:
-            devices.revoke_token(arguments.name, "command line")
-            sys.stdout.write(f"The token of {arguments.name} is void. {_ENDS}\n")
+            before_s = devices.revoke_token(arguments.name, "command line")
+            sys.stdout.write(
+                f"The token of {arguments.name} is void. {_ENDS}\n"
+                if before_s is None
+                else f"The token of {arguments.name} was revoked already on {_date(before_s)}, and stays void.\n"
+            )
         else:
             _make_token(devices, arguments.name)
     finally:

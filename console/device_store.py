@@ -89,11 +89,14 @@ class DeviceStore:
             self._set_token(session, name, token, by)
         return True
 
-    def revoke_token(self, name: str, by: str) -> None:
-        """Lock a device out. Raises NotFoundError with the names there are."""
-        self._store.urgently(partial(self._revoke, _spaced(name), by))
+    def revoke_token(self, name: str, by: str) -> float | None:
+        """Lock a device out; return when that was done before (Unix time), if it was.
 
-    def _revoke(self, name: str, by: str) -> None:
+        Raises NotFoundError with the names there are.
+        """
+        return self._store.urgently(partial(self._revoke, _spaced(name), by))
+
+    def _revoke(self, name: str, by: str) -> float | None:
         with self._store.writing() as session:
             row = session.get(DeviceTokenRow, name)
             if row is None:
@@ -101,8 +104,12 @@ class DeviceStore:
                 raise NotFoundError(
                     f"No device {name!r} has a token: choose one of those that have ({names or 'none'})."
                 )
+            if row.revoked_at_s is not None:
+                # When it was done stays what it was; to do it twice is no fault.
+                return row.revoked_at_s
             row.revoked_at_s = self._store.wall_s()
             self._store.add_audit(session, by, "token_revoked", name)
+        return None
 
     def tokens(self) -> list[DeviceToken]:
         """Return all tokens by name."""

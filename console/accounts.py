@@ -6,12 +6,15 @@ admin invites others by such links, and nobody but the person ever knows the pas
 
 from __future__ import annotations
 
+import logging
 import threading
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from sqlalchemy import delete, func, select, update
+from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
 
 from console.errors import BadRequestError, ConflictError, NotFoundError, SignInError, TooManyError
@@ -21,6 +24,7 @@ from console.sign_in_limit import Attempt, SignInLimit, network_of
 from console.store import Store
 from console.tables import AuditRow, OneTimeLinkRow, SessionRow, UserRow
 
+_log = logging.getLogger(__name__)
 SESSION_IDLE_S = 24 * 3600.0
 SESSION_LONGEST_S = 14 * 24 * 3600.0
 LINK_VALID_S = 48 * 3600.0
@@ -121,11 +125,11 @@ class Accounts:
             matches = password_matches(password, user.password_hash if user is not None and usable else None)
         if user is None or not matches:
             # A name that nobody has may be a password that was typed into the wrong field.
-            self._store.audit(user.name if user else "unknown name", "sign_in_failed", address)
+            self._audit_failure(user.name if user else "unknown name", address)
             raise SignInError("Name and password do not match.")
         _take_back(attempts)
         self._by_name.forget(attempts[0][1].key)
-        return self._start_checked(user, address)
+        return self._store.urgently(partial(self._start_checked, user, address))
 
     def start_session(self, user_id: int) -> str:
         """Return the token of a new session of this person."""
@@ -182,10 +186,20 @@ class Accounts:
 
     def sign_out(self, person: SignedIn) -> None:
         """End one session."""
+        self._store.urgently(partial(self._end_session, person))
+        self._tell_ended([person.session_id])
+
+    def _end_session(self, person: SignedIn) -> None:
         with self._store.writing() as session:
             session.execute(delete(SessionRow).where(SessionRow.token_hash == person.session_id))
             self._store.add_audit(session, person.user_name, "sign_out")
-        self._tell_ended([person.session_id])
+
+    def _audit_failure(self, name: str, address: str) -> None:
+        try:
+            self._store.audit(name, "sign_in_failed", address)
+        except OperationalError as error:
+            # Whoever guesses is refused all the same, and must not use up the room that others sign in by.
+            _log.warning("A failed sign-in from %s could not be written down (%s).", address, error.orig)
 
     # ------------------------------------------------------------------------------------------------- people
     def users(self) -> list[User]:
@@ -217,6 +231,11 @@ class Accounts:
 
         Refuses to take the last admin away.
         """
+        result, ended = self._store.urgently(partial(self._change, user_id, by, role, disabled))
+        self._tell_ended(ended)
+        return result
+
+    def _change(self, user_id: int, by: str, role: Role | None, disabled: bool | None) -> tuple[User, list[str]]:
         with self._store.writing() as session:
             user = _user(session, user_id)
             if role is not None:
@@ -230,9 +249,7 @@ class Accounts:
                 raise ConflictError("This is the last admin: make somebody else an admin first.")
             ended = _end_sessions(session, user_id)
             self._store.add_audit(session, by, "user_changed", f"{user.name}: role {user.role}, disabled {disabled}")
-            result = _as_user(user)
-        self._tell_ended(ended)
-        return result
+            return _as_user(user), ended
 
     # ---------------------------------------------------------------------------------------------- internals
     @contextmanager

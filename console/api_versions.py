@@ -14,6 +14,7 @@ from console.model import SiteModel
 from console.presence import Present
 from console.requests import RequestKey, Visitor, json_response
 from console.services import Services
+from navcore.plain_text import refuse_hidden
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -26,6 +27,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
 
     @app.post("/api/versions", status_code=201)
     def name_version(visitor: Visitor, body: VersionBody) -> Response:
+        refuse_hidden("The name of this version", body.name)
         model.name_version(body.name.strip() or "Unnamed", visitor.user_name)
         return json_response(versions_view(model), 201)
 

@@ -115,7 +115,8 @@ async def _unfit(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"][1:]) or "The request"
-    return error_response(BadRequestError(f"{where} cannot be used: {first['msg']}."))
+    why = str(first["ctx"]["error"]) if first["type"] == "value_error" else f"{first['msg']}."
+    return error_response(BadRequestError(f"{where} cannot be used: {why}"))
 
 
 async def _http_error(request: Request, error: Exception) -> Response:

@@ -83,6 +83,8 @@ def back_up(
     """
     if file.exists():
         raise BackupError(f"{file} is there already: name a new file.")
+    if not file.parent.is_dir():
+        raise BackupError(f"There is no folder {file.parent} for the backup: make it, or name a file in another one.")
     if not (data_folder / DATABASE_FILE).is_file():
         raise BackupError(f"There is no console's database in {data_folder}: name its folder with --data.")
     finish_restore(data_folder)

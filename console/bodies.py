@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, StrictFloat, StrictInt, StrictStr, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    StrictBool,
+    StrictFloat,
+    StrictInt,
+    StrictStr,
+    model_validator,
+)
 
 from console.retention import MAX_DAYS, MIN_DAYS
 from console.roles import Role
@@ -12,7 +22,19 @@ from console.tuning import TRIAL_S
 from navcore.cues.directions import DirectionStyle
 from navcore.cues.table import Verbosity
 from navcore.cues.texts import Language
+from navcore.errors import InputError
+from navcore.plain_text import refuse_hidden
 
+
+def _refuse_hidden(text: str) -> str:
+    try:
+        refuse_hidden("it", text, may_break=True)
+    except InputError as error:
+        raise ValueError(str(error)) from error
+    return text
+
+
+_PLAIN = AfterValidator(_refuse_hidden)
 Password = Annotated[str, Field(max_length=1000)]
 PersonName = Annotated[str, Field(min_length=1, max_length=200)]
 Token = Annotated[str, Field(min_length=1, max_length=200)]
@@ -52,20 +74,20 @@ class FirstBody(_Body):
 class AcknowledgeBody(_Body):
     """What somebody says who has seen an alert."""
 
-    note: Annotated[str, Field(max_length=300)] = ""
+    note: Annotated[str, Field(max_length=300), _PLAIN] = ""
 
 
 class ShelveBody(_Body):
     """For how long an alert is to keep silent, and why."""
 
     minutes: Literal[5, 10, 15]
-    reason: Annotated[str, Field(min_length=1, max_length=300)]
+    reason: Annotated[str, Field(min_length=1, max_length=300), _PLAIN]
 
 
 class EndWatchBody(_Body):
     """Why a device that led somebody, and has gone, is missed no more."""
 
-    why: Annotated[str, Field(min_length=1, max_length=300)]
+    why: Annotated[str, Field(min_length=1, max_length=300), _PLAIN]
 
 
 class ViewBody(_Body):
@@ -111,7 +133,7 @@ class PublishBody(_Body):
     @model_validator(mode="after")
     def _says_what_was_seen(self) -> PublishBody:
         if self.confirmed and self.version is None:
-            raise ValueError("say which version's errors were seen")
+            raise ValueError("say which version's errors were seen.")
         return self
 
 
@@ -170,10 +192,10 @@ SettingValues = Annotated[dict[str, StrictBool | StrictInt | StrictFloat | Stric
 
 
 class _ConfirmationBody(_Body):
-    why: Annotated[str, Field(max_length=300)] = ""
+    why: Annotated[str, Field(max_length=300), _PLAIN] = ""
     confirmed: bool = False
     """Somebody has confirmed a change of what people's safety hangs on."""
-    override_reason: Annotated[str, Field(max_length=300)] = ""
+    override_reason: Annotated[str, Field(max_length=300), _PLAIN] = ""
     """Why that is changed though somebody is being led."""
     trial_s: Annotated[float, Field(ge=10.0, le=600.0, allow_inf_nan=False)] = TRIAL_S
     """How long it is tried out."""

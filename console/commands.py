@@ -41,7 +41,10 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         "--public-host", action="append", default=[], metavar="NAME", help="host name of a proxy in front"
     )
     parser.add_argument(
-        "--device-token-file", type=Path, metavar="FILE", help="let in the device with this token; made where missing"
+        "--device-token-file",
+        type=Path,
+        metavar="FILE",
+        help="let in the device with this token; made where missing; one that was taken back stays so",
     )
     parser.add_argument(
         "--ready-file", type=Path, metavar="FILE", help="write address and one-time link as JSON once it serves"
@@ -96,6 +99,8 @@ def run_console(arguments: argparse.Namespace) -> None:
         if ready.first_link is not None:
             sys.stdout.write(f"Nobody has an account yet. Choose name and password here, once:\n  {ready.first_link}\n")
         sys.stdout.write("Ctrl-C ends it.\n")
+        if ready.warning is not None:
+            sys.stderr.write(f"vbr: {ready.warning}\n")
         sys.stdout.flush()
 
     server.run(say)
@@ -118,8 +123,12 @@ def run_token(arguments: argparse.Namespace) -> None:
         if arguments.list:
             _list_tokens(devices)
         elif arguments.revoke:
-            devices.revoke_token(arguments.name, "command line")
-            sys.stdout.write(f"The token of {arguments.name} is void. {_ENDS}\n")
+            before_s = devices.revoke_token(arguments.name, "command line")
+            sys.stdout.write(
+                f"The token of {arguments.name} is void. {_ENDS}\n"
+                if before_s is None
+                else f"The token of {arguments.name} was revoked already on {_date(before_s)}, and stays void.\n"
+            )
         else:
             _make_token(devices, arguments.name)
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, get_args
 
 from sqlalchemy import delete, func, not_, select, update
@@ -14,7 +15,7 @@ from sqlalchemy.orm import Session, aliased
 from console.errors import BadRequestError, ConflictError, NotFoundError
 from console.secrets_kept import hash_of_token, new_token
 from console.store import Store
-from console.tables import DeviceRow, DeviceTokenRow, EventRow
+from console.tables import DeviceRow, DeviceTokenRow, EventRow, VoidTokenRow
 from navcore.wire import Event
 
 MAX_NAME_LENGTH = 60
@@ -73,16 +74,29 @@ class DeviceStore:
         shown = _spaced(name)
         return next((token for token in self.tokens() if token.name == shown and not token.revoked), None)
 
-    def ensure_token(self, name: str, token: str, by: str) -> None:
-        """Let a token that was made elsewhere in, for the device of this name."""
-        with self._store.writing() as session:
-            row = session.get(DeviceTokenRow, name)
-            if row is None or row.token_hash != hash_of_token(token) or row.revoked_at_s is not None:
-                self._set_token(session, name, token, by)
+    def ensure_token(self, name: str, token: str, by: str) -> bool:
+        """Let a token that was made elsewhere in, for the device of this name; one that is known keeps its own.
 
-    def revoke_token(self, name: str, by: str) -> None:
-        """Lock a device out. Raises NotFoundError with the names there are."""
-        name = _spaced(name)
+        Returns False for one that was taken back, or that a newer one has replaced: it stays void.
+        """
+        token_hash = hash_of_token(token)
+        with self._store.writing() as session:
+            if session.get(VoidTokenRow, token_hash) is not None:
+                return False
+            known = session.scalar(select(DeviceTokenRow).where(DeviceTokenRow.token_hash == token_hash))
+            if known is not None:
+                return known.revoked_at_s is None
+            self._set_token(session, name, token, by)
+        return True
+
+    def revoke_token(self, name: str, by: str) -> float | None:
+        """Lock a device out; return when that was done before (Unix time), if it was.
+
+        Raises NotFoundError with the names there are.
+        """
+        return self._store.urgently(partial(self._revoke, _spaced(name), by))
+
+    def _revoke(self, name: str, by: str) -> float | None:
         with self._store.writing() as session:
             row = session.get(DeviceTokenRow, name)
             if row is None:
@@ -90,8 +104,12 @@ class DeviceStore:
                 raise NotFoundError(
                     f"No device {name!r} has a token: choose one of those that have ({names or 'none'})."
                 )
+            if row.revoked_at_s is not None:
+                # When it was done stays what it was; to do it twice is no fault.
+                return row.revoked_at_s
             row.revoked_at_s = self._store.wall_s()
             self._store.add_audit(session, by, "token_revoked", name)
+        return None
 
     def tokens(self) -> list[DeviceToken]:
         """Return all tokens by name."""
@@ -202,6 +220,8 @@ class DeviceStore:
     # ---------------------------------------------------------------------------------------------- internals
     def _set_token(self, session: Session, name: str, token: str, by: str) -> None:
         row = session.get(DeviceTokenRow, name) or DeviceTokenRow(name=name)
+        if row.token_hash is not None:
+            session.add(VoidTokenRow(token_hash=row.token_hash))
         row.token_hash = hash_of_token(token)
         row.created_by, row.created_at_s, row.revoked_at_s = by, self._store.wall_s(), None
         session.add(row)

@@ -1,38 +1,61 @@
-"""Room that is put by while there is some: a console that has to start on a full disk starts by it.
+"""Room that is put by while there is some, for what must be done though the disk is full.
 
-SQLite needs some files of its own before anything can be read, and whoever watches over walkers needs the console.
+A console has to start: SQLite needs some files of its own before anything can be read, and whoever watches over walkers
+needs the console. While it runs, people sign in and out by it, are locked out, and tokens are taken back.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import shutil
 from pathlib import Path
 
 RESERVE_BYTES = 4 << 20
+_STEP_BYTES = 1 << 12
 _FILE = "reserve"
 
 
-def put_by(folder: Path) -> bool:
-    """Take the room where it is not taken yet; return whether it is: where there is none, nothing is put by."""
+def put_by(folder: Path) -> None:
+    """Take the room where it is not all taken yet; where there is not enough, what was put by stays as it is."""
+    # A part of it would help nobody who starts, and would take the last room from those who work.
+    _grow(folder, RESERVE_BYTES, RESERVE_BYTES)
+
+
+def put_back(folder: Path, released_bytes: int) -> None:
+    """Take again what is left of the room that :func:`release` gave."""
+    _grow(folder, min(released_bytes, RESERVE_BYTES), _STEP_BYTES)
+
+
+def release(folder: Path) -> int:
+    """Give the room back; return how much there was."""
+    path = folder / _FILE
+    try:
+        held_bytes = _held_bytes(path.stat())
+        path.unlink()
+    except OSError:
+        return 0
+    return held_bytes
+
+
+def is_short_of_room(folder: Path) -> bool:
+    """Whether the disk has less room left than what is put by: it will soon be full, or is."""
+    return shutil.disk_usage(folder).free < RESERVE_BYTES
+
+
+def _held_bytes(found: os.stat_result) -> int:
+    return found.st_blocks * 512
+
+
+def _grow(folder: Path, most_bytes: int, least_bytes: int) -> None:
     path = folder / _FILE
     with contextlib.suppress(OSError), path.open("ab") as out:
-        if os.fstat(out.fileno()).st_blocks * 512 >= RESERVE_BYTES:
-            return True
-        try:
-            os.posix_fallocate(out.fileno(), 0, RESERVE_BYTES)
-        except OSError:
-            # Half of it would help nobody.
+        held_bytes = _held_bytes(os.fstat(out.fileno()))
+        for size_bytes in range(most_bytes, max(held_bytes, least_bytes - 1), -_STEP_BYTES):
+            try:
+                os.posix_fallocate(out.fileno(), 0, size_bytes)
+                return
+            except OSError:
+                os.ftruncate(out.fileno(), held_bytes)
+        if held_bytes == 0:
             path.unlink()
-        else:
-            return True
-    return False
-
-
-def release(folder: Path) -> bool:
-    """Give the room back; return whether there was some."""
-    try:
-        (folder / _FILE).unlink()
-    except OSError:
-        return False
-    return True

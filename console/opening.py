@@ -53,10 +53,11 @@ def _make_token_file(path: Path) -> None:
     os.replace(fresh, path)
 
 
-def token_from_file(devices: DeviceStore, path: Path) -> str:
-    """Return the device token in a file, and let it in; a file that does not exist yet is written with a new one.
+def let_token_of_file_in(devices: DeviceStore, path: Path) -> str | None:
+    """Let the device token in a file in; a file that does not exist yet is written with a new one.
 
-    The device's name is the file's, without its ending. Raises InputError where it cannot be read or written.
+    The device's name is the file's, without its ending. Returns what to tell people where the token is void, and stays
+    it: None otherwise. Raises InputError where the file cannot be read or written.
     """
     try:
         if not path.exists():
@@ -67,5 +68,10 @@ def token_from_file(devices: DeviceStore, path: Path) -> str:
         raise InputError(f"The device token file {path} cannot be used ({error}): name another one.") from error
     if len(token) < 20 or not token.isprintable() or " " in token:
         raise InputError(f"The device token file {path} holds no token: delete it, and a new one is made.")
-    devices.ensure_token(path.stem, token, "command line")
-    return token
+    if devices.ensure_token(path.stem, token, "command line"):
+        return None
+    return (
+        f"The device token in {path} was taken back, or replaced by a newer one: it lets no device in. To let this"
+        f" device in again, delete the file and start again, which makes a new token; or write the one into it that"
+        f" `vbr console token {path.stem}` prints, and give it to the device."
+    )

@@ -105,7 +105,7 @@ class Retention:
                 session.merge(KeptValueRow(name=_KEPT_AS, value_json=json.dumps(days)))
                 self._store.add_audit(session, by, "retention", f"{before} → {days} days")
 
-        self._store.by_reserve(write)
+        self._store.urgently(write)
         self.run()
 
     def delete_now(self, by: str) -> RetentionRun:
@@ -125,7 +125,7 @@ class Retention:
             deleted, problems = dict[str, int](), _said_of(clock)
             for kind, delete_before in self._kinds.items():
                 try:
-                    deleted[kind] = self._store.by_reserve(partial(delete_before, before_s))
+                    deleted[kind] = self._store.urgently(partial(delete_before, before_s))
                 except UndeletedError as error:
                     deleted[kind] = error.deleted
                     problems.append(f"{kind}: {error}")
@@ -134,7 +134,6 @@ class Retention:
                     _log.exception("%s could not be deleted", kind)
                     problems.append(f"{kind}: {error or type(error).__name__}")
             problems += self._wipe()
-            self._store.put_by_again()
             for problem in problems:
                 _log.warning("Not deleted: %s", problem)
             self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))

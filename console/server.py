@@ -11,7 +11,7 @@ import ssl
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from types import FrameType
 
@@ -21,7 +21,7 @@ from fastapi import FastAPI
 from console.app import app_of
 from console.config import ConsoleConfig
 from console.http_patience import CountingSocket, PatientHttp, PatientLoop
-from console.opening import open_services, token_from_file
+from console.opening import let_token_of_file_in, open_services
 from console.security import visitor_of
 from console.services import Services
 from navcore.errors import InputError
@@ -38,13 +38,15 @@ class Ready:
     url: str
     first_link: str | None
     """One-time link with which the first admin chooses a password; None where there is an admin already."""
+    warning: str | None = None
+    """What is wrong, and what to do, though it serves."""
 
     def write(self, path: Path) -> None:
         """Write it as JSON, in one step, for the owner's eyes only: the link is a key."""
         fresh = path.with_name(f".{path.name}.{os.getpid()}")
         try:
             with os.fdopen(os.open(fresh, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "w", encoding="utf-8") as out:
-                json.dump({"url": self.url, "first_link": self.first_link, "pid": os.getpid()}, out)
+                json.dump({**asdict(self), "pid": os.getpid()}, out)
             os.replace(fresh, path)
         except OSError as error:
             fresh.unlink(missing_ok=True)
@@ -64,14 +66,15 @@ class ConsoleServer:
         self._socket = _bind(config)
         try:
             self.services: Services = open_services(config)
+            warning = None
             if device_token_file is not None:
-                token_from_file(self.services.devices, device_token_file)
+                warning = let_token_of_file_in(self.services.devices, device_token_file)
             self.app: FastAPI = app_of(self.services)
             self._stop_scene = _install_scene(self.app, self.services) if with_scene else _nothing
         except BaseException:
             self._socket.close()
             raise
-        self.ready = self._ready(config)
+        self.ready = self._ready(config, warning)
         self._uvicorn = _Uvicorn(self.app, config)
         self._thread: threading.Thread | None = None
 
@@ -119,12 +122,12 @@ class ConsoleServer:
         if self._thread is not None:
             self._thread.join()
 
-    def _ready(self, config: ConsoleConfig) -> Ready:
+    def _ready(self, config: ConsoleConfig, warning: str | None) -> Ready:
         scheme = "https" if config.uses_tls else "http"
         host = f"[{config.host}]" if ":" in config.host else config.host
         url = f"{scheme}://{host}:{self._socket.getsockname()[1]}"
         token = self.services.accounts.first_admin_link_token()
-        return Ready(url, f"{url}/first?token={token}" if token else None)
+        return Ready(url, f"{url}/first?token={token}" if token else None, warning)
 
 
 def check_listening(config: ConsoleConfig) -> None:

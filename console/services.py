@@ -42,6 +42,8 @@ from console.watching import LOOK_EVERY_S, Watching
 from console.what_if import WhatIfs
 from navcore.settings import SettingValue
 
+SEE_TO_ROOM_EVERY_S = 30.0
+
 
 @dataclass(frozen=True, slots=True)
 class Services:
@@ -224,6 +226,7 @@ def build_services(config: ConsoleConfig, store: Store, model: SiteModel, hub: D
             Repeating("retention", EVERY_S, retention.run),
             Repeating("watching", LOOK_EVERY_S, look_who_watches),
             Repeating("signed in", LOOK_WHO_IS_SIGNED_IN_EVERY_S, look_who_is_signed_in),
+            Repeating("room on the disk", SEE_TO_ROOM_EVERY_S, store.see_to_room),
             Repeating("away devices", EVERY_S, partial(_forget_away, hub, alerts)),
         ),
     )

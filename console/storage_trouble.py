@@ -34,13 +34,17 @@ def refusal_of(error: Exception) -> ConsoleError | None:
     return None
 
 
-def is_full(error: Exception) -> bool:
-    """Whether this failed because a disk is full."""
-    return isinstance(refusal_of(error), NoRoomError)
+def is_for_want_of_room(error: OperationalError) -> bool:
+    """Whether the database could not be written because its disk is full."""
+    return _code(error) == sqlite3.SQLITE_FULL
+
+
+def _code(error: OperationalError) -> int:
+    return int(getattr(error.orig, "sqlite_errorcode", 0)) & _PRIMARY_CODE
 
 
 def _of_database(error: OperationalError) -> ConsoleError:
-    code = getattr(error.orig, "sqlite_errorcode", 0) & _PRIMARY_CODE
+    code = _code(error)
     if code == sqlite3.SQLITE_FULL:
         return NoRoomError(_NO_ROOM)
     if code == sqlite3.SQLITE_READONLY:

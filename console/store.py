@@ -19,14 +19,14 @@ from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.orm import Session
 
 from console.data_lock import DataLock
-from console.disk_reserve import put_by, release
-from console.storage_trouble import is_full
+from console.disk_reserve import is_short_of_room, put_back, put_by, release
+from console.storage_trouble import is_for_want_of_room
 from console.tables import SCHEMA_VERSION, AuditRow, Base, SchemaRow
 from navcore.errors import InputError
 
-T = TypeVar("T")
 DATABASE_FILE = "console.sqlite3"
 _log = logging.getLogger(__name__)
+_Done = TypeVar("_Done")
 _WRITES = "vbr_writes"
 _LOCK_WAIT_MS = 10_000
 """So long whoever reads or writes waits for another process."""
@@ -51,9 +51,9 @@ class Store:
         lock: DataLock | None = None,
         folder: Path | None = None,
     ) -> None:
-        """``lock`` is held as long as the database is open; ``folder`` is where room is put by for a full disk."""
+        """``lock`` is held as long as the database is open; in ``folder`` room is put by for when the disk is full."""
         self.wall_s, self._lock, self._folder = wall_s, lock, folder
-        self._reserve_is_used = False
+        self._is_short_of_room = False
         self._engine = engine
         self._writing_engine = engine.execution_options(**{_WRITES: True})
         self._write_lock = threading.RLock()
@@ -89,20 +89,33 @@ class Store:
         with self._write_lock, Session(self._writing_engine, expire_on_commit=False) as session, session.begin():
             yield session
 
-    def by_reserve(self, work: Callable[[], T]) -> T:
-        """Do what frees the disk; where that is full, by the room that was put by, until :meth:`put_by_again`."""
-        try:
-            return work()
-        except OperationalError as error:
-            if self._folder is None or not is_full(error) or not release(self._folder):
-                raise
-            self._reserve_is_used = True
-            return work()
+    def urgently(self, deed: Callable[[], _Done]) -> _Done:
+        """Do what must be done though the disk is full, in the room that was put by: who is locked out, is.
 
-    def put_by_again(self) -> None:
-        """Put by what :meth:`by_reserve` used, as soon as there is room."""
-        if self._reserve_is_used and self._folder is not None:
-            self._reserve_is_used = not put_by(self._folder)
+        ``deed`` writes all of its own in one block of :meth:`writing`, for it is done again where there was no room.
+        """
+        try:
+            return deed()
+        except OperationalError as error:
+            if self._folder is None or not is_for_want_of_room(error):
+                raise
+            # So that nobody else takes the room meanwhile.
+            with self._write_lock:
+                released_bytes = release(self._folder)
+                try:
+                    return deed()
+                finally:
+                    put_back(self._folder, released_bytes)
+
+    def see_to_room(self) -> None:
+        """Put by what was used as soon as there is room again; tell the log when the disk is as good as full."""
+        if self._folder is None:
+            return
+        with self._write_lock:
+            put_by(self._folder)
+        was_short, self._is_short_of_room = self._is_short_of_room, is_short_of_room(self._folder)
+        if self._is_short_of_room and not was_short:
+            _log.error("The disk of %s is as good as full: free it now. Nothing more can be stored soon.", self._folder)
 
     def audit(self, who: str, action: str, detail: str = "") -> None:
         """Write down who did what."""

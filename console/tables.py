@@ -5,8 +5,9 @@ from __future__ import annotations
 from sqlalchemy import ForeignKey, Index, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
-SCHEMA_VERSION = 4
-"""2 added the names of versions. 3 added what the monitor keeps. 4 added when devices were heard of."""
+SCHEMA_VERSION = 5
+"""2 added the names of versions. 3 added what the monitor keeps. 4 added when devices were heard of. 5 added the
+tokens that are void."""
 
 
 class Base(DeclarativeBase):
@@ -67,6 +68,13 @@ class DeviceTokenRow(Base):
     created_at_s: Mapped[float]
     last_seen_at_s: Mapped[float | None]
     revoked_at_s: Mapped[float | None]
+
+
+class VoidTokenRow(Base):
+    """A device token that a newer one has taken the place of: no file brings it back."""
+
+    __tablename__ = "void_device_tokens"
+    token_hash: Mapped[str] = mapped_column(primary_key=True)
 
 
 class DeviceRow(Base):

@@ -191,6 +191,7 @@ def _greet(ready: dict[str, str | int | None], site: Path) -> None:
         else "  Sign in with the account that you made.",
         "",
         f"  Then pick a destination ({places}) and watch the walker.",
+        *([f"  {warning}"] if (warning := ready.get("warning")) else []),
         *_how_to_steer(),
         "  What the walker hears is printed below. Ctrl-C ends the demo.",
         "",

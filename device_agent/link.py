@@ -61,7 +61,8 @@ _STEADY_AFTER_S = 5.0
 _LEAST_WAIT_S = 0.02
 _QUIET_LOOK_S = 0.1
 _REFUSED_STATUS = (401, 403)
-_REFUSED_CODES = (1008, 4401, 4403)
+_REVOKED_CODE = 4401
+_REFUSED_CODES = (1008, _REVOKED_CODE, 4403)
 _UNREADABLE_CODE = 1007
 
 
@@ -249,7 +250,7 @@ class ConsoleLink:
             return error
         except ConnectionClosed as error:
             if error.rcvd is not None and error.rcvd.code in _REFUSED_CODES:
-                return LinkRefusedError(f"The console refuses this device: {error.rcvd.reason or 'no reason given'}.")
+                return LinkRefusedError(_why_refused(error.rcvd.code, error.rcvd.reason))
             return error
         except VersionError as error:
             return LinkRefusedError(str(error))
@@ -474,3 +475,9 @@ def _binary(data: str | bytes) -> bytes:
     if isinstance(data, str):
         raise WireError("The console sent text where a message was due: use the same version on both sides.")
     return data
+
+
+def _why_refused(code: int, reason: str) -> str:
+    if code == _REVOKED_CODE:
+        return "The console has taken this device's token back: make a new one there and give it to the device."
+    return f"The console refuses this device: {(reason or 'no reason given').rstrip('.')}."

@@ -122,6 +122,9 @@ def test_the_command_makes_and_revokes_tokens(site_folder: Path, vbr: Callable[.
     assert DeviceStore(store).name_of(token) == "glasses"
     assert "void" in vbr("--site", site_folder, "token", "glasses", "--revoke").out
     assert DeviceStore(store).name_of(token) is None
+    again = vbr("--site", site_folder, "token", "glasses", "--revoke")
+    assert (again.code, "was revoked already on 20" in again.out) == (0, True)
+    assert [row.action for row in store.latest_audit(9)].count("token_revoked") == 1
     assert "/first?token=" in vbr("admin-link", "--site", site_folder).out
 
 

@@ -500,5 +500,7 @@ def test_the_commands_say_what_they_did_and_what_to_do(
     assert "before-restore: delete it" in run("restore", file, "--site", place.site, "--replace")
     assert main(["console", "backup", str(file), "--site", str(place.site)]) == 2
     assert "is there already" in capsys.readouterr().err
+    assert main(["console", "backup", str(tmp_path / "nowhere" / "b.zip"), "--site", str(place.site)]) == 2
+    assert f"There is no folder {tmp_path / 'nowhere'} for the backup: make it" in capsys.readouterr().err
     assert main(["console", "restore", str(file)]) == 2
     assert "Which site?" in capsys.readouterr().err

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from device_console import TOKEN, Console
+from websockets.sync.server import ServerConnection, serve
 
 from device_agent.adapters.clocks import FakeClock
 from device_agent.journal import EventJournal
@@ -260,6 +261,41 @@ def test_a_refused_token_is_said_once_and_tried_again(
     texts = [event.text for event in console.stored if event.kind == "link"]
     assert "refuses this device's token" in texts[0]
     assert sum("token" in text for text in texts) == 1
+
+
+@pytest.mark.parametrize(
+    ("code", "reason", "told"),
+    [
+        (
+            4401,
+            "This token was revoked.",
+            "token back: make a new one there and give it to the device.",
+        ),
+        (4403, "Use that one.", "The console refuses this device: Use that one."),
+        (1008, "", "The console refuses this device: no reason given."),
+    ],
+)
+def test_whoever_is_sent_away_is_told_why_and_what_to_do(
+    code: int, reason: str, told: str, device: Device, journal: EventJournal, tmp_path: Path,
+    caplog: pytest.LogCaptureFixture,
+) -> None:  # fmt: skip
+    called = threading.Event()
+
+    def send_away(connection: ServerConnection) -> None:
+        if called.is_set():
+            # It has been told once it calls again.
+            again.set()
+        called.set()
+        connection.close(code, reason)
+
+    again = threading.Event()
+    with serve(send_away, "127.0.0.1", 0) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        link = make_link(f"ws://127.0.0.1:{server.socket.getsockname()[1]}", journal, tmp_path)
+        link.start(device)
+        assert again.wait(30)
+        link.stop()
+    assert [record.message for record in caplog.records if record.message.endswith(told)]
 
 
 def test_the_journal_numbers_on_after_a_console_that_knows_more(tmp_path: Path) -> None:

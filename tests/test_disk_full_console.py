@@ -10,7 +10,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 
 import pytest
-from console_room import DialledDevice, Person, first_admin, hello_of, serving, until
+from console_room import DialledDevice, Person, first_admin, hello_of, invited, serving, until
 from small_disk import SmallDisk, failing_disk, small_disk
 from sqlalchemy.exc import OperationalError
 
@@ -251,3 +251,39 @@ def test_a_console_starts_on_a_full_disk_and_says_what_is_wrong_on_a_read_only_o
         Store.open(disk.folder / "data")
     disk.remount("rw")
     Store.open(disk.folder / "data").close()
+
+
+def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
+    disk: SmallDisk, tmp_path: Path, small_site: Site, caplog: pytest.LogCaptureFixture
+) -> None:
+    with console_on(disk, tmp_path, small_site) as server:
+        admin, device, token = begun(server)
+        services = server.services
+        vera = invited(admin, "Vera", "viewer")
+        vera_id = next(user.id for user in services.accounts.users() if user.name == "Vera")
+        disk.fill()
+        services.store.see_to_room()
+        assert "as good as full" in caplog.text
+        for _ in range(20):
+            again = Person(server.ready.url)
+            assert again.sign_in("Ada").is_success
+            assert again.sign_in("Ada", "another password").status_code == 401
+            assert again.http.get("/api/session").is_success
+            left = Person(server.ready.url)
+            left.http.cookies.update(again.http.cookies)
+            assert again.http.post("/api/sign-out").is_success
+            assert left.http.get("/api/session").status_code == 401
+            # Who edits takes what room there is, but not the room that was put by.
+            assert admin.edit("update_poi", poi_id="b", name="Tea bar").status_code in (200, 507)
+        assert admin.http.patch(f"/api/users/{vera_id}", json={"disabled": True}).is_success
+        assert vera.http.get("/api/session").status_code == 401
+        assert admin.http.post("/api/tokens/revoke", json={"name": "Glasses"}).is_success
+        assert services.devices.name_of(token) is None
+        assert device.close_code()[0] == 4401
+        disk.free()
+        services.store.see_to_room()
+        assert (disk.folder / "data" / "reserve").stat().st_size == RESERVE_BYTES, "for the next time"
+    with console_on(disk, tmp_path, small_site) as server:
+        assert server.services.devices.name_of(token) is None
+        deeds = [row.action for row in server.services.store.latest_audit(100)]
+        assert (deeds.count("sign_out"), deeds.count("token_revoked")) == (20, 1)

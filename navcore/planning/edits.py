@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
+from navcore.plain_text import is_blank, refuse_hidden
 from navcore.planning.neighbours import neighbour_pieces
 from navcore.planning.poi_graph import CAUTION_SIDES, POI_KINDS, CautionSide, Edge, Poi, PoiGraph, PoiKind
 from navcore.planning.projection import path_between, project_on_path
@@ -412,8 +413,11 @@ def _placed(network: RoadNetwork, x_m: float, y_m: float, on_road: bool) -> tupl
 def _checked_poi(poi: Poi) -> Poi:
     if poi.kind not in get_args(PoiKind):
         raise InputError(f"There is no kind of place {poi.kind!r}: choose one of {', '.join(POI_KINDS)}.")
-    if not poi.name.strip():
+    if is_blank(poi.name):
         raise InputError("A place needs a name.")
+    refuse_hidden("The name of this place", poi.name)
+    refuse_hidden(f"The spoken name of {poi.name[:80]}", poi.spoken_name)
+    refuse_hidden(f"What is noted on {poi.name[:80]}", poi.notes, may_break=True)
     try:
         return msgspec.convert(msgspec.to_builtins(poi), Poi)
     except msgspec.ValidationError as error:

@@ -1,6 +1,6 @@
 /* The stream of what happens: reconnects by itself, and keeps honest about how old things are. */
 
-import { isSignedOut, signInAgain } from "./api.js";
+import { isSignedOut, signInAgain, SILENT } from "./api.js";
 import { $, ago, el, setText } from "./dom.js";
 import { ConsoleClock } from "./page_clock.js";
 import { toast } from "./toast.js";
@@ -48,6 +48,7 @@ class Link {
     let opened = false;
     socket.onopen = () => {
       opened = true;
+      if (this.failures > 0) takeBackSilence();
       this.failures = 0;
       this.console.forget();
       this.askClock(socket, 0);
@@ -192,6 +193,11 @@ function older(value, by_s) {
 export function onScreen(act) {
   if (isInFrame) setTimeout(act);
   else requestAnimationFrame(() => setTimeout(act));
+}
+
+/** Nothing goes on saying that the console does not answer once it does. */
+function takeBackSilence() {
+  for (const problem of document.querySelectorAll(".problem")) if (problem.textContent === SILENT) setText(problem, "");
 }
 
 /** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import FastAPI, Request, Response
+from fastapi import FastAPI, Query, Request, Response
 
 from console.accounts import SESSION_LONGEST_S, User
-from console.bodies import FirstBody, InviteBody, LinkBody, Number, SignInBody, TokenBody, UserChangeBody
+from console.bodies import MAX_NUMBER, FirstBody, InviteBody, LinkBody, Number, SignInBody, TokenBody, UserChangeBody
 from console.device_store import checked_name
 from console.pages import pages_for
 from console.requests import Visitor, json_response, link_to
@@ -15,6 +15,8 @@ from console.security import drop_session_cookie, set_session_cookie, visitor_of
 from console.services import Services
 
 AUDIT_SHOWN_COUNT = 200
+Before = Annotated[int | None, Query(ge=0, le=MAX_NUMBER)]
+Wanted = Annotated[str, Query(max_length=60)]
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -22,6 +24,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
     _add_session_routes(app, services)
     _add_user_routes(app, services)
     _add_token_routes(app, services)
+    _add_audit_route(app, services)
 
 
 def _add_session_routes(app: FastAPI, services: Services) -> None:
@@ -112,12 +115,17 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
         services.close_void_links()
         return json_response({"ok": True})
 
+
+def _add_audit_route(app: FastAPI, services: Services) -> None:
     @app.get("/api/audit")
-    def audit() -> Response:
-        rows = services.store.latest_audit(AUDIT_SHOWN_COUNT)
-        return json_response(
-            {"audit": [{"at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail} for r in rows]}
-        )
+    def audit(before: Before = None, who: Wanted = "", action: Wanted = "") -> Response:
+        # One more than is shown: whether there are older ones.
+        rows = services.store.latest_audit(AUDIT_SHOWN_COUNT + 1, before_id=before, who=who, action=action)
+        shown = [
+            {"id": r.id, "at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail}
+            for r in rows[:AUDIT_SHOWN_COUNT]
+        ]
+        return json_response({"audit": shown, "has_older": len(rows) > AUDIT_SHOWN_COUNT})
 
 
 def _user_view(user: User) -> dict[str, Any]:

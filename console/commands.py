@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from console.audit_command import add_audit_command, command_line
 from console.backup_commands import add_backup_commands, data_folder_of
 from console.config import ConsoleConfig
 from navcore.errors import InputError
@@ -49,6 +50,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.set_defaults(run=run_console)
     below = parser.add_subparsers(metavar="COMMAND", required=False)
     _add_token_command(below)
+    add_audit_command(below, partial(_add_places, default=argparse.SUPPRESS), _open_store)
     add_backup_commands(below, partial(_add_places, default=argparse.SUPPRESS))
     link = below.add_parser("admin-link", help="print a one-time link that makes one more admin")
     _add_places(link, argparse.SUPPRESS)
@@ -118,7 +120,7 @@ def run_token(arguments: argparse.Namespace) -> None:
         if arguments.list:
             _list_tokens(devices)
         elif arguments.revoke:
-            devices.revoke_token(arguments.name, "command line")
+            devices.revoke_token(arguments.name, command_line())
             sys.stdout.write(f"The token of {arguments.name} is void. {_ENDS}\n")
         else:
             _make_token(devices, arguments.name)
@@ -128,13 +130,13 @@ def run_token(arguments: argparse.Namespace) -> None:
 
 def _make_token(devices: DeviceStore, name: str) -> None:
     before = devices.valid_token(name)
-    sys.stdout.write(devices.create_token(name, "command line") + "\n")
+    sys.stdout.write(devices.create_token(name, command_line()) + "\n")
     if before is not None:
         # On stderr, for the token itself goes into a file.
         sys.stderr.write(
-            f"It takes the place of the token of {before.name} that {before.created_by} made on"
-            f" {_date(before.created_at_s)} (last used: {_date(before.last_seen_at_s)}): that one is void, so give the"
-            f" device this one. {_ENDS}\n"
+            f"It takes the place of the token of {before.name} that was made on"
+            f" {_date(before.created_at_s)} by {before.created_by} (last used: {_date(before.last_seen_at_s)}): that one"
+            f" is void, so give the device this one. {_ENDS}\n"
         )
 
 
@@ -160,7 +162,7 @@ def run_admin_link(arguments: argparse.Namespace) -> None:
 
     store = _open_store(arguments)
     try:
-        token = Accounts(store, store.wall_s).new_admin_link_token()
+        token = Accounts(store, store.wall_s).new_admin_link_token(command_line())
     finally:
         store.close()
     sys.stdout.write(f"Open this on the console, within 48 hours:\n  /first?token={token}\n")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
+import msgspec
 from fastapi import FastAPI, Query, Request, Response
 
 from console.accounts import SESSION_LONGEST_S, User
@@ -99,7 +100,15 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/tokens")
     def tokens() -> Response:
-        return json_response({"tokens": devices.tokens()})
+        connected = set(services.hub.connected_ids())
+        return json_response(
+            {
+                "tokens": [
+                    {**msgspec.to_builtins(token), "connected": not connected.isdisjoint(devices.ids_of(token.name))}
+                    for token in devices.tokens()
+                ]
+            }
+        )
 
     @app.post("/api/tokens", status_code=201)
     def create_token(visitor: Visitor, body: TokenBody) -> Response:

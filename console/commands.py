@@ -134,9 +134,8 @@ def _make_token(devices: DeviceStore, name: str) -> None:
     if before is not None:
         # On stderr, for the token itself goes into a file.
         sys.stderr.write(
-            f"It takes the place of the token of {before.name} that was made on"
-            f" {_date(before.created_at_s)} by {before.created_by} (last used: {_date(before.last_seen_at_s)}): that one"
-            f" is void, so give the device this one. {_ENDS}\n"
+            f"It takes the place of the token of {before.name} that was made on {_date(before.created_at_s)} by"
+            f" {before.created_by} (last signed in: {_date(before.last_seen_at_s)}): that one is void, so give the device this one. {_ENDS}\n"
         )
 
 
@@ -147,7 +146,7 @@ def _list_tokens(devices: DeviceStore) -> None:
     for token in tokens:
         state = "revoked" if token.revoked else "valid"
         sys.stdout.write(
-            f"{token.name}: {state}, made by {token.created_by} on {_date(token.created_at_s)}, last used:"
+            f"{token.name}: {state}, made by {token.created_by} on {_date(token.created_at_s)}, last signed in:"
             f" {_date(token.last_seen_at_s)}\n"
         )
 

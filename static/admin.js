@@ -63,7 +63,7 @@ async function revokeToken({ name }) {
 }
 
 function tokenRow(token) {
-  const seen = token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
+  const seen = token.connected ? "connected now" : token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
   const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
   const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => revokeToken(token) }, "Revoke");
   return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),

@@ -133,7 +133,7 @@ def test_a_new_token_says_what_it_replaces_and_all_are_listed(site_folder: Path,
     second = vbr(*command, "glasses")
     assert "takes the place of the token of glasses that was made on 20" in second.err
     assert "by command line, " in second.err
-    assert "last used: never" in second.err
+    assert "last signed in: never" in second.err
     devices = DeviceStore(Store.open(default_data_folder(site_folder)))
     assert (devices.name_of(first.out.strip()), devices.name_of(second.out.strip())) == (None, "glasses")
     vbr(*command, "spare pair")

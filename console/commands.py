@@ -135,7 +135,8 @@ def _make_token(devices: DeviceStore, name: str) -> None:
         # On stderr, for the token itself goes into a file.
         sys.stderr.write(
             f"It takes the place of the token of {before.name} that was made on {_date(before.created_at_s)} by"
-            f" {before.created_by} (last signed in: {_date(before.last_seen_at_s)}): that one is void, so give the device this one. {_ENDS}\n"
+            f" {before.created_by} (last signed in: {_date(before.last_seen_at_s)}): that one is void, so give the"
+            f" device this one. {_ENDS}\n"
         )
 
 

@@ -194,6 +194,10 @@ def test_unknown_addresses_and_unfit_bodies_get_a_sentence(site_folder: Path, tm
     with serving(site_folder, tmp_path / "data") as server:
         admin = first_admin(server)
         assert admin.http.get("/api/nothing").json() == {"error": "There is nothing at this address."}
+        opened = admin.http.get("/nothing", headers={"Accept": "text/html,*/*;q=0.8"})
+        assert opened.status_code == 404
+        assert "<h1>There is no such page</h1>" in opened.text
+        assert admin.http.get("/nothing").json() == {"error": "There is nothing at this address."}
         assert admin.http.delete("/api/graph").status_code == 405
         for path, body in (("/api/sign-in", {"name": "x"}), ("/api/users", {"name": "x", "role": "king"})):
             answer = admin.http.post(path, json=body)

@@ -24,7 +24,10 @@ _FORBIDDEN = (errno.EACCES, errno.EPERM)
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Make the folder where it is missing, close it to others, and write to it. Raises InputError with what is wrong and what to do."""
+    """Make the folder where it is missing, close it to others, and write to it.
+
+    Raises InputError with what is wrong and what to do.
+    """
     try:
         make_private(folder)
         probe = folder / ".probe"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any
 
-from fastapi import FastAPI, Request, Response
+import msgspec
+from fastapi import FastAPI, Query, Request, Response
 
 from console.accounts import SESSION_LONGEST_S, User
-from console.bodies import FirstBody, InviteBody, LinkBody, Number, SignInBody, TokenBody, UserChangeBody
+from console.bodies import MAX_NUMBER, FirstBody, InviteBody, LinkBody, Number, SignInBody, TokenBody, UserChangeBody
 from console.device_store import checked_name
 from console.pages import pages_for
 from console.requests import Visitor, json_response, link_to
@@ -15,6 +16,8 @@ from console.security import drop_session_cookie, set_session_cookie, visitor_of
 from console.services import Services
 
 AUDIT_SHOWN_COUNT = 200
+Before = Annotated[int | None, Query(ge=0, le=MAX_NUMBER)]
+Wanted = Annotated[str, Query(max_length=60)]
 
 
 def add_routes(app: FastAPI, services: Services) -> None:
@@ -22,6 +25,7 @@ def add_routes(app: FastAPI, services: Services) -> None:
     _add_session_routes(app, services)
     _add_user_routes(app, services)
     _add_token_routes(app, services)
+    _add_audit_route(app, services)
 
 
 def _add_session_routes(app: FastAPI, services: Services) -> None:
@@ -96,7 +100,15 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
 
     @app.get("/api/tokens")
     def tokens() -> Response:
-        return json_response({"tokens": devices.tokens()})
+        connected = set(services.hub.connected_ids())
+        return json_response(
+            {
+                "tokens": [
+                    {**msgspec.to_builtins(token), "connected": not connected.isdisjoint(devices.ids_of(token.name))}
+                    for token in devices.tokens()
+                ]
+            }
+        )
 
     @app.post("/api/tokens", status_code=201)
     def create_token(visitor: Visitor, body: TokenBody) -> Response:
@@ -112,14 +124,19 @@ def _add_token_routes(app: FastAPI, services: Services) -> None:
         services.close_void_links()
         return json_response({"ok": True})
 
+
+def _add_audit_route(app: FastAPI, services: Services) -> None:
     @app.get("/api/audit")
-    def audit() -> Response:
+    def audit(before: Before = None, who: Wanted = "", action: Wanted = "") -> Response:
         # What was done until now is to be seen.
         services.late_audit.write()
-        rows = services.store.latest_audit(AUDIT_SHOWN_COUNT)
-        return json_response(
-            {"audit": [{"at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail} for r in rows]}
-        )
+        # One more than is shown: whether there are older ones.
+        rows = services.store.latest_audit(AUDIT_SHOWN_COUNT + 1, before_id=before, who=who, action=action)
+        shown = [
+            {"id": r.id, "at_s": r.at_s, "who": r.who, "action": r.action, "detail": r.detail}
+            for r in rows[:AUDIT_SHOWN_COUNT]
+        ]
+        return json_response({"audit": shown, "has_older": len(rows) > AUDIT_SHOWN_COUNT})
 
 
 def _user_view(user: User) -> dict[str, Any]:

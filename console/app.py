@@ -119,9 +119,17 @@ async def _unfit(request: Request, error: Exception) -> Response:
     return error_response(BadRequestError(f"{where} cannot be used: {why}"))
 
 
+def _is_opened_in_browser(request: Request) -> bool:
+    """Whether somebody has opened an address, and it is no script of a page, or another program, that asks."""
+    wants_page = request.method == "GET" and "text/html" in request.headers.get("accept", "")
+    return wants_page and not request.url.path.startswith("/api/")
+
+
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     if error.status_code == 404:
+        if _is_opened_in_browser(request):
+            return pages.missing_page()
         return error_response(NotFoundError("There is nothing at this address."))
     if error.status_code == 405:
         sentence = f"This address cannot be asked by {request.method}: the page knows how."

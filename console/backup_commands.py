@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from console.audit_command import command_line
 from navcore.errors import InputError
 
 if TYPE_CHECKING:
@@ -57,10 +58,28 @@ def run_backup(arguments: argparse.Namespace) -> None:
     """Make a backup."""
     from console.backup import back_up
 
-    made = back_up(site_folder_of(arguments), data_folder_of(arguments), arguments.file, progress=_percent("Backup"))
+    data_folder = data_folder_of(arguments)
+    made = back_up(site_folder_of(arguments), data_folder, arguments.file, progress=_percent("Backup"))
+    _write_down_backup(data_folder, arguments.file)
     for path in made.left_out:
         sys.stderr.write(f"Left out, for it is nothing of the console's: {path}\n")
     sys.stdout.write(f"{made.file}: {_of(made.manifest)}, {made.size_bytes / 1e6:,.1f} MB.\n")
+
+
+def _write_down_backup(data_folder: Path, file: Path) -> None:
+    """Write down who has taken a copy of everything; the copy is whole also where the disk has no room for that."""
+    from sqlalchemy.exc import OperationalError
+
+    from console.store import Store
+
+    try:
+        store = Store.open(data_folder)
+        try:
+            store.audit(command_line(), "backup", str(file))
+        finally:
+            store.close()
+    except (InputError, OperationalError) as error:
+        sys.stderr.write(f"The backup is made, but could not be written down in the audit log ({error}).\n")
 
 
 def run_restore(arguments: argparse.Namespace) -> None:

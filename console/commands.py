@@ -13,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from console.audit_command import add_audit_command, command_line
 from console.backup_commands import add_backup_commands, data_folder_of
 from console.config import ConsoleConfig
 from navcore.errors import InputError
@@ -52,6 +53,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
     parser.set_defaults(run=run_console)
     below = parser.add_subparsers(metavar="COMMAND", required=False)
     _add_token_command(below)
+    add_audit_command(below, partial(_add_places, default=argparse.SUPPRESS), _open_store)
     add_backup_commands(below, partial(_add_places, default=argparse.SUPPRESS))
     link = below.add_parser("admin-link", help="print a one-time link that makes one more admin")
     _add_places(link, argparse.SUPPRESS)
@@ -123,7 +125,7 @@ def run_token(arguments: argparse.Namespace) -> None:
         if arguments.list:
             _list_tokens(devices)
         elif arguments.revoke:
-            before_s = devices.revoke_token(arguments.name, "command line")
+            before_s = devices.revoke_token(arguments.name, command_line())
             sys.stdout.write(
                 f"The token of {arguments.name} is void. {_ENDS}\n"
                 if before_s is None
@@ -137,12 +139,12 @@ def run_token(arguments: argparse.Namespace) -> None:
 
 def _make_token(devices: DeviceStore, name: str) -> None:
     before = devices.valid_token(name)
-    sys.stdout.write(devices.create_token(name, "command line") + "\n")
+    sys.stdout.write(devices.create_token(name, command_line()) + "\n")
     if before is not None:
         # On stderr, for the token itself goes into a file.
         sys.stderr.write(
-            f"It takes the place of the token of {before.name} that {before.created_by} made on"
-            f" {_date(before.created_at_s)} (last used: {_date(before.last_seen_at_s)}): that one is void, so give the"
+            f"It takes the place of the token of {before.name} that was made on {_date(before.created_at_s)} by"
+            f" {before.created_by} (last signed in: {_date(before.last_seen_at_s)}): that one is void, so give the"
             f" device this one. {_ENDS}\n"
         )
 
@@ -154,7 +156,7 @@ def _list_tokens(devices: DeviceStore) -> None:
     for token in tokens:
         state = "revoked" if token.revoked else "valid"
         sys.stdout.write(
-            f"{token.name}: {state}, made by {token.created_by} on {_date(token.created_at_s)}, last used:"
+            f"{token.name}: {state}, made by {token.created_by} on {_date(token.created_at_s)}, last signed in:"
             f" {_date(token.last_seen_at_s)}\n"
         )
 
@@ -169,7 +171,7 @@ def run_admin_link(arguments: argparse.Namespace) -> None:
 
     store = _open_store(arguments)
     try:
-        token = Accounts(store, store.wall_s).new_admin_link_token()
+        token = Accounts(store, store.wall_s).new_admin_link_token(command_line())
     finally:
         store.close()
     sys.stdout.write(f"Open this on the console, within 48 hours:\n  /first?token={token}\n")

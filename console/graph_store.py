@@ -8,6 +8,7 @@ import msgspec
 from sqlalchemy import Select, select
 from sqlalchemy.exc import IntegrityError
 
+from console.edit_words import sentence_of
 from console.errors import ConflictError
 from console.graph_log import NAME_TAKEN, LogEntry, Publication, PublishedVersion, VersionName
 from console.store import Store
@@ -81,7 +82,9 @@ class StoredGraphLog:
         try:
             with self._store.writing() as session:
                 session.add(row)
-                self._store.add_audit(session, entry.author, f"graph_{entry.kind}", _in_words(entry))
+                self._store.add_audit(
+                    session, entry.author, f"graph_{entry.kind}", f"{sentence_of(entry)} (version {entry.version})"
+                )
         except IntegrityError as error:
             raise ConflictError(
                 "Another console edits the same site and database: stop one of the two, then try again."
@@ -122,11 +125,3 @@ class StoredGraphLog:
             raise InputError(
                 f"Version {version} of the PoI-graph cannot be read from the database ({error}): restore a backup."
             ) from error
-
-
-def _in_words(entry: LogEntry) -> str:
-    if entry.edit is not None:
-        return msgspec.json.encode(entry.edit).decode()
-    if entry.target_version is None:
-        return entry.why or f"version {entry.version}"
-    return f"of version {entry.target_version}"

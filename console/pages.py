@@ -47,6 +47,11 @@ def refused_page() -> Response:
     return FileResponse(static_folder() / "refused.html", status_code=403, media_type="text/html; charset=utf-8")
 
 
+def missing_page() -> Response:
+    """Return the page that stands at an address where nothing is."""
+    return FileResponse(static_folder() / "missing.html", status_code=404, media_type="text/html; charset=utf-8")
+
+
 def static_folder() -> Path:
     """Return where the pages lie: in the checkout, or installed beside the packages."""
     return Path(__file__).resolve().parent.parent / "static"

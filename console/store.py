@@ -139,10 +139,19 @@ class Store:
                 row.detail = row.detail.split(" ")[0]
         return len(rows)
 
-    def latest_audit(self, count: int) -> list[AuditRow]:
-        """Return the last deeds, newest first."""
+    def latest_audit(
+        self, count: int, *, before_id: int | None = None, who: str = "", action: str = ""
+    ) -> list[AuditRow]:
+        """Return the last deeds, newest first: before one, of whoever's name and of what kind holds this text."""
+        wanted = select(AuditRow).order_by(AuditRow.id.desc()).limit(count)
+        if before_id is not None:
+            wanted = wanted.where(AuditRow.id < before_id)
+        if who:
+            wanted = wanted.where(AuditRow.who.icontains(who, autoescape=True))
+        if action:
+            wanted = wanted.where(AuditRow.action.icontains("_".join(action.split()), autoescape=True))
         with self.reading() as session:
-            return list(session.scalars(select(AuditRow).order_by(AuditRow.id.desc()).limit(count)))
+            return list(session.scalars(wanted))
 
     def forget_deleted(self) -> bool:
         """Empty the write-ahead log, which may still hold what was deleted; return False where a reader hinders it."""

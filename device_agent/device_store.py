@@ -15,6 +15,7 @@ import msgspec
 
 from device_agent.calibration_store import CalibrationStore
 from device_agent.link_state import LinkState
+from device_agent.private_folder import make_private
 from device_agent.sharing import DEFAULT_CONSENT, NOTHING_SHARED, Consent, shared_by_both
 from navcore.errors import InputError, SettingError, SiteError
 from navcore.folder_swap import keep_aside, swap_in, sync_tree
@@ -105,7 +106,7 @@ class DeviceStore:
 
     def save_settings(self, settings: Settings, revision: int) -> None:
         """Keep the settings. Raises OSError."""
-        self.state_folder.mkdir(parents=True, exist_ok=True)
+        make_private(self.state_folder)
         kept = {"revision": revision, "values": settings.values()}
         write_whole(self._settings_path, json.dumps(kept, indent=1).encode())
 
@@ -156,7 +157,7 @@ class DeviceStore:
 
         What cannot be read shares nothing; ``default`` holds where nothing was ever stored, and is then kept as well.
         """
-        self.state_folder.mkdir(parents=True, exist_ok=True)
+        make_private(self.state_folder)
         with (self.state_folder / "consent.lock").open("w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
             try:

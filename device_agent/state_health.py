@@ -15,6 +15,7 @@ from pathlib import Path
 
 from device_agent.device_store import DeviceStore
 from device_agent.journal import refuse_damaged
+from device_agent.private_folder import make_private
 from navcore.errors import InputError
 from navcore.site_files import write_whole
 
@@ -23,9 +24,12 @@ _FORBIDDEN = (errno.EACCES, errno.EPERM)
 
 
 def refuse_unwritable(folder: Path) -> None:
-    """Make the folder where it is missing, and write to it. Raises InputError with what is wrong and what to do."""
+    """Make the folder where it is missing, close it to others, and write to it.
+
+    Raises InputError with what is wrong and what to do.
+    """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        make_private(folder)
         probe = folder / ".probe"
         write_whole(probe, b"vbr\n")
         probe.unlink()

@@ -5,17 +5,34 @@ import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
 
 const ROLES = ["viewer", "editor", "technician", "admin"];
+let deeds = [];
+let asked = { who: "", action: "" };
 await start();
 await refresh();
 
 async function refresh() {
-  const [{ users }, { tokens }, { audit }] = await Promise.all([get("/api/users"), get("/api/tokens"), get("/api/audit")]);
+  const [{ users }, { tokens }] = await Promise.all([get("/api/users"), get("/api/tokens"), showAudit()]);
   $("people").replaceChildren(...users.map(personRow));
   $("no-tokens").hidden = tokens.length > 0;
   $("tokens-wrap").hidden = tokens.length === 0;
   $("tokens").replaceChildren(...tokens.map(tokenRow));
-  $("audit").replaceChildren(...audit.map((line) => el("tr", {}, el("td", { class: "when" }, new Date(line.at_s * 1000).toLocaleString()),
-    el("td", {}, line.who), el("td", {}, line.action.replaceAll("_", " ")), el("td", { class: "quiet small wide" }, line.detail))));
+}
+
+/** Show the newest deeds that were asked for; those before the last one that is shown as well, where `older`. */
+async function showAudit({ older = false } = {}) {
+  const wanted = asked;
+  const before = older && deeds.length ? { before: deeds.at(-1).id } : {};
+  const { audit, has_older } = await get(`/api/audit?${new URLSearchParams({ ...wanted, ...before })}`);
+  if (wanted !== asked) return;
+  deeds = older ? [...deeds, ...audit] : audit;
+  $("audit").replaceChildren(...deeds.map(deedRow));
+  $("no-audit").hidden = deeds.length > 0;
+  $("older-audit").hidden = !has_older;
+}
+
+function deedRow({ at_s, who, action, detail }) {
+  return el("tr", {}, el("td", { class: "when" }, new Date(at_s * 1000).toLocaleString()), el("td", {}, who),
+    el("td", {}, action.replaceAll("_", " "), el("span", { class: "narrow-only small quiet" }, detail)), el("td", { class: "quiet small wide" }, detail));
 }
 
 const doing = (work) => attempt(async () => { await work(); await refresh(); });
@@ -46,7 +63,7 @@ async function revokeToken({ name }) {
 }
 
 function tokenRow(token) {
-  const seen = token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
+  const seen = token.connected ? "connected now" : token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
   const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
   const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => revokeToken(token) }, "Revoke");
   return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),
@@ -98,5 +115,12 @@ form("token-form", "token-problem", async () => {
   const { name, token } = await post("/api/tokens", { name: $("token-name").value });
   showSecret(`This is the token of ${name}. It is shown only now; an earlier one of this name is void.`, token);
 });
+
+$("audit-form").addEventListener("submit", (event) => {
+  event.preventDefault();
+  asked = { who: $("audit-who").value.trim(), action: $("audit-action").value.trim() };
+  attempt(() => showAudit());
+});
+$("older-audit").addEventListener("click", () => attempt(() => showAudit({ older: true })));
 
 ready();

@@ -9,7 +9,8 @@ class Refused extends Error {
   }
 }
 
-const SILENT = "The console does not answer: see whether it is running. Nothing that you typed here is lost.";
+/** What is said of a request that the console did not answer. */
+export const SILENT = "The console does not answer: see whether it is running. Nothing that you typed here is lost.";
 
 const ASK_AGAIN_MS = 700;
 const ASKED_AGAIN_COUNT = 4;

@@ -1,6 +1,6 @@
 /* The stream of what happens: reconnects by itself, and keeps honest about how old things are. */
 
-import { isSignedOut, signInAgain } from "./api.js";
+import { isSignedOut, signInAgain, SILENT } from "./api.js";
 import { $, ago, el, setText } from "./dom.js";
 import { ConsoleClock } from "./page_clock.js";
 import { toast } from "./toast.js";
@@ -11,7 +11,10 @@ const SAY_EVERY_MS = 3000;
 const TICK_MS = 250;
 const ASK_CLOCK_MS = [200, 400, 800, 2000];
 const SIGNED_OUT = 4401;
+/** So soon what a page that stood still itself had not heard yet is there: the console had not gone. */
+const CATCHES_UP_MS = 1000;
 let isInFrame = false;
+let silentSince_ms = 0;
 
 /**
  * Hear the stream at `path()`, asked for anew at each connecting. `take(data, page_received_s)` hears each message, `draw(link)` follows in
@@ -48,6 +51,7 @@ class Link {
     let opened = false;
     socket.onopen = () => {
       opened = true;
+      if (this.failures > 0) takeBackSilence();
       this.failures = 0;
       this.console.forget();
       this.askClock(socket, 0);
@@ -194,11 +198,17 @@ export function onScreen(act) {
   else requestAnimationFrame(() => setTimeout(act));
 }
 
+/** Nothing goes on saying that the console does not answer once it does. */
+function takeBackSilence() {
+  for (const problem of document.querySelectorAll(".problem")) if (problem.textContent === SILENT) setText(problem, "");
+}
+
 /** Say on every page that the console is silent; the seconds are for the eye alone, a screen reader hears it once. */
 function showLink(linked, silence_s) {
   const banner = $("link-banner");
-  if (linked && !banner.hidden) toast("The console is there again; everything that it had confirmed is kept.");
+  if (linked && !banner.hidden && performance.now() - silentSince_ms > CATCHES_UP_MS) toast("The console is there again; everything that it had confirmed is kept.");
   if (!linked && banner.hidden) {
+    silentSince_ms = performance.now();
     banner.replaceChildren("No connection to the console: nothing here is live, and nothing can be saved. It goes on by itself. ",
       el("span", { class: "number", "aria-hidden": "true" }));
   }

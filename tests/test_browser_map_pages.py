@@ -14,7 +14,8 @@ from browser import become, chromium, until
 from console_room import first_admin
 from playwright.sync_api import Browser, Page, Route, expect
 
-from console.edits import SetEdge, UpdatePoi
+from console.api_accounts import AUDIT_SHOWN_COUNT
+from console.edits import AddPoi, SetEdge, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
@@ -29,6 +30,12 @@ FINDINGS = [
         "x_m": 3.0, "y_m": 0.0, "poi_ids": [], "edge_ids": ["a-b"], "road_ids": [],
     },
 ]  # fmt: skip
+
+OUT_OF_REACH = """() => [...document.querySelectorAll(".table-wrap :is(button, select, td)")].filter((node) => {
+  const box = node.getBoundingClientRect();
+  return box.width > 0 && (box.right > innerWidth || (node.tagName === "SELECT" && box.width < 90));
+}).map((node) => node.textContent)"""
+"""What of the tables lies beyond the edge of the page, or is a choice that shows nothing of what is chosen."""
 
 
 def state(stage: str, version: int | None = None, percent: int = 0, findings: tuple[Any, ...] = ()) -> dict[str, Any]:
@@ -206,6 +213,25 @@ def test_the_page_admin_lists_the_people(page: Page, server: ConsoleServer) -> N
     expect(page.get_by_label("Role of Bea")).to_have_value("editor")
     ids = page.evaluate("[...document.querySelectorAll('[id]')].map(({ id }) => id)")
     assert len(ids) == len(set(ids))
+    store = server.services.store
+    with store.writing() as session:
+        for number in range(AUDIT_SHOWN_COUNT + 3):
+            store.add_audit(session, "Bea", "sign_in_failed", f"number {number}")
+    page.get_by_label("Who", exact=True).fill("bea")
+    page.get_by_role("button", name="Find").click()
+    deeds = page.locator("#audit tr")
+    expect(deeds).to_have_count(AUDIT_SHOWN_COUNT)
+    page.get_by_role("button", name="Show older").click()
+    expect(deeds).to_have_count(AUDIT_SHOWN_COUNT + 3)
+    expect(deeds.last).to_contain_text("number 0")
+    server.services.model.apply(AddPoi("Lift beside the stairs", "lift", 2.0, 0.0), "Bea")
+    server.services.devices.create_token("Glasses of Ada", "Ada")
+    # On a phone nothing of a table is out of reach.
+    page.set_viewport_size({"width": 390, "height": 844})
+    for path in ("/admin", "/versions"):
+        page.goto(path)
+        expect(page.locator("td.actions button").first).to_be_visible()
+        assert page.evaluate(OUT_OF_REACH) == [], path
 
 
 @pytest.mark.parametrize(("away_m", "words"), [(0.9, "0.9 m from Ward (0.0, 0.0)"), (3.0, "at K (0.0, 0.0)")])

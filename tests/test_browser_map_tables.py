@@ -478,6 +478,7 @@ def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(
     expect(dialog.get_by_label("Name")).to_have_value("Great hall")
     console.start()
     expect(page.locator("#link-banner")).to_be_hidden()
+    expect(dialog.get_by_role("alert")).to_have_count(0)
     dialog.get_by_role("button", name="Save").press("Enter")
     expect(dialog).to_have_count(0)
     page.reload()

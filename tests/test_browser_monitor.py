@@ -159,6 +159,7 @@ def test_the_console_from_live_to_lost_and_back_and_what_is_asked_of_the_walker(
     _orders_go_once_are_confirmed_and_answered(page, server)
     _ages_are_those_of_the_capture(page, server, device, clock)
     _a_silent_console_makes_nothing_look_live(page, device, stream)
+    _a_page_that_stood_still_does_not_say_that_the_console_was_gone(page, device, stream)
     _a_phone_will_do(page)
     assert in_both_themes(page, "the Console with a walker") == []
     device.vanish()
@@ -278,6 +279,21 @@ def _a_silent_console_makes_nothing_look_live(page: Page, device: WalkingDevice,
     stream.is_frozen = False
     be_live(page, device)
     expect(page.locator("#act-note")).to_be_hidden()
+
+
+def _a_page_that_stood_still_does_not_say_that_the_console_was_gone(
+    page: Page, device: WalkingDevice, stream: Stream
+) -> None:
+    for is_gone in (False, True):
+        stream.is_frozen = is_gone
+        page.clock.fast_forward(10_000)
+        if is_gone:
+            expect(page.locator("#link-banner")).to_be_visible()
+            page.clock.fast_forward(2_000)
+            stream.is_frozen = False
+        be_live(page, device)
+        expect(page.locator("#link-banner")).to_be_hidden()
+        assert ("The console is there again" in (page.locator("#toasts").text_content() or "")) is is_gone
 
 
 def _a_phone_will_do(page: Page) -> None:

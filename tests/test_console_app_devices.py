@@ -101,6 +101,16 @@ def test_a_device_belongs_to_its_token(server: ConsoleServer, admin: Person, dev
     assert device.next(EventConfirmed).sequence == 1
 
 
+def test_admins_see_whose_token_is_in_use_now(server: ConsoleServer, admin: Person, device: DialledDevice) -> None:
+    token_for(admin, "Spare")
+    told = admin.http.get("/api/tokens").raise_for_status().json()["tokens"]
+    assert {token["name"]: token["connected"] for token in told} == {"Lead glasses": True, "Spare": False}
+    device.socket.close()
+    until(server.services.hub, lambda seen: not seen.connected)
+    told = admin.http.get("/api/tokens").raise_for_status().json()["tokens"]
+    assert not any(token["connected"] for token in told)
+
+
 def test_another_protocol_version_is_refused_with_the_reason(server: ConsoleServer, admin: Person) -> None:
     other = DialledDevice(server.ready.url, token_for(admin), hello_of(server, protocol_version=99))
     code, reason = other.close_code()

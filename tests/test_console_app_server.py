@@ -134,8 +134,9 @@ def test_a_new_token_says_what_it_replaces_and_all_are_listed(site_folder: Path,
     first = vbr(*command, "glasses")
     assert first.err == ""
     second = vbr(*command, "glasses")
-    assert "takes the place of the token of glasses that command line made on 20" in second.err
-    assert "last used: never" in second.err
+    assert "takes the place of the token of glasses that was made on 20" in second.err
+    assert "by command line, " in second.err
+    assert "last signed in: never" in second.err
     devices = DeviceStore(Store.open(default_data_folder(site_folder)))
     assert (devices.name_of(first.out.strip()), devices.name_of(second.out.strip())) == (None, "glasses")
     vbr(*command, "spare pair")
@@ -196,6 +197,10 @@ def test_unknown_addresses_and_unfit_bodies_get_a_sentence(site_folder: Path, tm
     with serving(site_folder, tmp_path / "data") as server:
         admin = first_admin(server)
         assert admin.http.get("/api/nothing").json() == {"error": "There is nothing at this address."}
+        opened = admin.http.get("/nothing", headers={"Accept": "text/html,*/*;q=0.8"})
+        assert opened.status_code == 404
+        assert "<h1>There is no such page</h1>" in opened.text
+        assert admin.http.get("/nothing").json() == {"error": "There is nothing at this address."}
         assert admin.http.delete("/api/graph").status_code == 405
         for path, body in (("/api/sign-in", {"name": "x"}), ("/api/users", {"name": "x", "role": "king"})):
             answer = admin.http.post(path, json=body)

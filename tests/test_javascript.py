@@ -18,10 +18,10 @@ PAGES = {path.name: path.read_text(encoding="utf-8") for path in sorted(STATIC.g
 SCRIPT = re.compile(r'<script[^>]* src="/static/([^"]+)"')
 USED = (
     "Array AudioContext Blob Boolean CSS Date Error GainNode Image Infinity Intl JSON Map Math NaN Number Object"
-    " OscillatorNode Promise ResizeObserver Set SpeechSynthesisUtterance String Symbol URL URLSearchParams WebSocket"
-    " XMLHttpRequest addEventListener clearInterval clearTimeout crypto document encodeURIComponent fetch globalThis"
-    " history localStorage location matchMedia navigator performance removeEventListener requestAnimationFrame"
-    " sessionStorage setInterval setTimeout speechSynthesis undefined"
+    " OscillatorNode Promise ResizeObserver Set SpeechSynthesisUtterance String Symbol URL URLSearchParams Uint8Array"
+    " WebSocket XMLHttpRequest addEventListener clearInterval clearTimeout crypto document encodeURIComponent fetch"
+    " globalThis history localStorage location matchMedia navigator performance removeEventListener"
+    " requestAnimationFrame sessionStorage setInterval setTimeout speechSynthesis undefined"
 )
 OF_THE_BROWSER = frozenset(USED.split())
 """What the modules use of the browser: whoever uses more of it adds it here."""

@@ -81,12 +81,13 @@ def assert_replays(path: Path) -> None:
 
 # --------------------------------------------------------------------------------------------------- rotation
 def test_a_file_ends_when_it_is_old_and_the_next_one_can_be_replayed_alone(tmp_path: Path) -> None:
-    times = Times()
-    rig, recorder = recorded_rig(RecordingOptions(tmp_path, max_part_s=2.0), times)
+    times, walks = Times(), tmp_path / "walks"
+    rig, recorder = recorded_rig(RecordingOptions(walks, max_part_s=2.0), times)
     rig.agent.submit(SetDestination("bar"))
     run(rig, recorder, times, 50)
     recorder.close()
-    paths = parts_in(tmp_path)
+    assert walks.stat().st_mode & 0o777 == 0o700  # Nobody else on this machine may look where the walker went.
+    paths = parts_in(walks)
     assert [numbers(path) for path in paths] == [[*range(1, 21)], [*range(21, 41)], [*range(41, 51)]]
     for path in paths:
         assert_replays(path)

@@ -26,6 +26,7 @@ from device_agent.localization import make_localizer
 from device_agent.map_walk.map_walks import DeviceMapWalks, WalkPlan
 from device_agent.map_walk.walk_folder import new_walk, walks_in
 from device_agent.orders import Order
+from device_agent.sharing import Consent
 from device_agent.state_health import _what_is_wrong, damages, refuse_unwritable
 from navcore.calibration import Calibration, FloorCalibration
 from navcore.errors import InputError
@@ -41,6 +42,23 @@ SPOKEN = "The device's storage has a fault. Guidance works. Let somebody look at
 def test_a_folder_that_can_be_written_is_left_as_it_was(tmp_path: Path) -> None:
     refuse_unwritable(tmp_path / "new" / "state")
     assert list((tmp_path / "new" / "state").iterdir()) == []
+
+
+def _rights(folder: Path) -> int:
+    return folder.stat().st_mode & 0o7777
+
+
+def test_what_is_kept_of_a_walker_is_for_the_devices_user_alone(tmp_path: Path) -> None:
+    store = DeviceStore(tmp_path / "state", tmp_path / "site")
+    store.save_consent(Consent(walks=True, version=1))
+    assert _rights(store.state_folder) == 0o700
+    assert _rights(new_walk(tmp_path / "map-walks", "2026-01-01").parent) == 0o700
+    for before, after in ((0o755, 0o700), (0o750, 0o750), (0o1777, 0o1777)):
+        folder = tmp_path / f"{before:o}"
+        folder.mkdir()
+        folder.chmod(before)
+        refuse_unwritable(folder)
+        assert _rights(folder) == after
 
 
 @pytest.mark.parametrize("below", ["", "state"])

@@ -195,6 +195,27 @@ def test_the_bill_of_the_glasses_is_of_what_is_put_on_them() -> None:
 
 
 # ------------------------------------------------------------------------------------------ nobody's code copied in
+@pytest.mark.parametrize("name", ["sbom", "licences", "fuzz"])
+def test_a_tool_that_is_asked_what_it_does_says_so_and_does_nothing(name: str, tmp_path: Path) -> None:
+    command = [ROOT / ".ci" / name, "--help"] if name == "fuzz" else [sys.executable, ROOT / ".ci" / name, "--help"]
+    told = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert f".ci/{name}" in told.stdout
+    assert "distributions" not in told.stdout
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_list_of_licences_has_headings_and_an_end_and_may_be_cut_short() -> None:
+    command = [sys.executable, ROOT / ".ci" / "licences"]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
+    assert lines[0].split() == ["DISTRIBUTION", "VERSION", "USE", "LICENCE"]
+    assert lines[-1].endswith("distributions: nothing is wrong.")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as cut:
+        assert cut.stdout is not None
+        assert cut.stderr is not None
+        cut.stdout.close()
+        assert cut.stderr.read() == ""
+
+
 def test_the_pages_hold_nobody_elses_code_and_fetch_nothing_from_elsewhere() -> None:
     for file in sorted((ROOT / "static").iterdir()):
         text = file.read_text(encoding="utf-8")

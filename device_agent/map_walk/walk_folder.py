@@ -15,6 +15,7 @@ from typing import Literal
 
 import msgspec
 
+from device_agent.private_folder import make_private
 from navcore.recording_archive import recording_files
 from navcore.site_files import write_whole
 
@@ -39,7 +40,7 @@ class WalkState(msgspec.Struct, frozen=True):
 
 def new_walk(folder: Path, date: str) -> Path:
     """Make the folder of the next walk. Raises OSError."""
-    folder.mkdir(parents=True, exist_ok=True)
+    make_private(folder)
     taken = [int(found[1]) for path in folder.iterdir() if (found := re.fullmatch(r"walk-(\d{4,9})", path.name))]
     # In one step: a folder that says nothing of itself would be a walk that failed, for ever.
     fresh = folder / ".new-walk"

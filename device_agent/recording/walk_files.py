@@ -24,6 +24,7 @@ from typing import BinaryIO
 
 import msgspec
 
+from device_agent.private_folder import make_private
 from device_agent.recording.notes import FrameNotes, MapTaken, Opening
 from device_agent.recording.options import RecordingOptions
 from device_agent.recording.part_writer import DiskSync, PartWriter, create
@@ -215,7 +216,7 @@ class WalkFiles:
 
     def _begin_part(self, item: CycleItem, intrinsics: CameraIntrinsics) -> None:
         self._finish_part()
-        self._options.folder.mkdir(parents=True, exist_ok=True)
+        make_private(self._options.folder)
         self._remove_old()
         self._check_room()
         self._part_number += 1

@@ -1,0 +1,6 @@
+/* What stands where no page is. */
+
+import { ready, start } from "./shell.js";
+
+await start();
+ready();

@@ -12,11 +12,13 @@ import itertools
 import time
 from dataclasses import dataclass, field
 
+import numpy as np
 from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import WebSocketException
 
 from navcore.modes import Mode
 from navcore.settings import Settings
+from navcore.silhouette import silhouette_jpeg
 from navcore.wire import (
     MESSAGES,
     PROTOCOL_VERSION,
@@ -45,7 +47,8 @@ _TRACE = DecisionTraceView(
     scan=WireScan(-0.45, 0.0145, (1,) * 63, tuple(range(180, 495, 5))),
 )  # fmt: skip
 """As large as that of a real depth image."""
-_JPEG = bytes(range(256)) * 24
+_JPEG = silhouette_jpeg(np.random.default_rng(0).uniform(0.5, 5.0, (60, 80)).astype(np.float32))
+"""Some kilobytes: noise, which hardly gets smaller."""
 _CONFIRM_WITHIN_S = 30.0
 
 

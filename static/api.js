@@ -69,17 +69,16 @@ export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
 const unheard = new Map();
 
-/** The same for what must not be done twice: an edit, an undo. Whoever asks for it again, for no answer came, asks with the same key. */
+/** The same for what must not be done twice: an edit, an undo. Whoever asks for it again, for no answer came, asks with the same key; whoever
+ *  asks twice before the first answer, as for two steps back, means two. */
 export async function postOnce(path, body) {
   const request = `${path} ${JSON.stringify(body)}`;
   const key = unheard.get(request) ?? newKey();
-  unheard.set(request, key);
+  unheard.delete(request);
   try {
-    const data = await ask("POST", path, body, { key });
-    unheard.delete(request);
-    return data;
+    return await ask("POST", path, body, { key });
   } catch (error) {
-    if (error.status !== 0) unheard.delete(request);
+    if (error.status === 0) unheard.set(request, key);
     throw error;
   }
 }

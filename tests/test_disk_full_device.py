@@ -105,6 +105,7 @@ def test_a_device_on_a_full_disk_is_joined_to_the_console_and_its_events_come_on
         disk.free()
         # By itself, though nothing else happens.
         console.wait_for(lambda: cues(console) == ["before", "stored", "not stored"])
+        console.wait_for(lambda: not journal.pending(0))
     again = EventJournal(disk.folder / "events.sqlite")
     assert [event.text for event in again.pending(0) if event.kind == "cue"] == []
     again.close()

@@ -137,7 +137,7 @@ def test_work_that_fails_again_and_again_is_logged_once(caplog: pytest.LogCaptur
         if tried in (1, 2, 3, 5, 6):
             raise OSError("full")
         if tried == 7:
-            repeating._stopped.set()
+            repeating.close()
 
     repeating = Repeating("the work", 0.0, work)
     repeating._run()

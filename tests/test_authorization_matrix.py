@@ -57,6 +57,8 @@ def is_refused_by_the_guard(answer: Answer) -> bool:
 def state_of(room: Room) -> tuple[Any, ...]:
     """Return all that a refused request might have changed."""
     services = room.services
+    # What was done before is written down, and what is done from now on is seen.
+    services.late_audit.write()
     people = [(u.name, u.role, u.disabled) for u in services.accounts.users()]
     tokens = [(t.name, t.revoked, t.created_at_s) for t in services.devices.tokens()]
     audit = [row.id for row in services.store.latest_audit(1)]

@@ -134,6 +134,7 @@ class Retention:
                     _log.exception("%s could not be deleted", kind)
                     problems.append(f"{kind}: {error or type(error).__name__}")
             problems += self._wipe()
+            self._store.see_to_room()
             for problem in problems:
                 _log.warning("Not deleted: %s", problem)
             self.last_run = RetentionRun(now_s, before_s, deleted, tuple(problems))

@@ -81,7 +81,7 @@ class Connection:
             verdict = self._guard.judge(raw, time.monotonic())
             if verdict is Verdict.PASS and has_form(raw):
                 return raw
-            if verdict is not Verdict.DROP:
+            if verdict is Verdict.CLOSE:
                 await self.close(1007, "This message cannot be read.")
                 raise websockets.exceptions.ConnectionClosedOK(None, None)
 

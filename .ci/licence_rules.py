@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 
+from client_packages import CARRIER, ClientPackage, client_packages
 from license_expression import ExpressionError, LicenseExpression, ParseError, get_spdx_licensing
 from locked import ROOT, LockError, Pin, given_to_others, read_lock
 from packaging.markers import Marker
@@ -36,6 +37,8 @@ class Table:
     judged: dict[str, str]
     bundled: dict[str, str]
     bundled_judged: dict[str, str]
+    client_stated: dict[str, str]
+    client_judged: dict[str, str]
 
     @classmethod
     def read(cls, path: Path = TABLE) -> Table:
@@ -43,7 +46,7 @@ class Table:
         data = tomllib.loads(path.read_text(encoding="utf-8"))
         return cls(
             frozenset(data["permitted"]), frozenset(data["development"]), data["stated"], data["judged"],
-            data["bundled"], data["bundled_judged"],
+            data["bundled"], data["bundled_judged"], data["client_stated"], data["client_judged"],
         )  # fmt: skip
 
 
@@ -126,6 +129,8 @@ def complaints(pins: Iterable[Pin], table: Table) -> Iterator[str]:
             yield f"{name} is {licence}, which is not permitted for what is {what}: do without, or judge it."
         if name in given:
             yield from _bundled_complaints(name, table)
+        if name == CARRIER:
+            yield from client_complaints(client_packages(), table)
     for name in sorted((set(table.judged) | set(table.stated)) - {pin.name for pin in pins}):
         yield f"{name} is not in the lock files any more: take it out of .ci/licences.toml."
 
@@ -137,6 +142,27 @@ def _bundled_complaints(name: str, table: Table) -> Iterator[str]:
             yield f"{name} carries {library} with it: find out its licence, and name it in [bundled]."
         elif not is_within(spdx(licence), table.permitted) and library not in table.bundled_judged:
             yield f"{name} carries {library} ({licence}) with it: do without it, or judge it in [bundled_judged]."
+
+
+def client_licence(package: ClientPackage, table: Table) -> str:
+    """Return the licence of what viser's client holds: its own words, else what the table states; empty if neither."""
+    return package.licence or table.client_stated.get(package.name, "")
+
+
+def client_complaints(packages: Iterable[ClientPackage], table: Table) -> Iterator[str]:
+    """Yield a sentence for each package in viser's client whose licence is unknown or not permitted, and unjudged."""
+    packages = list(packages)
+    for each in packages:
+        licence = client_licence(each, table)
+        if not licence:
+            yield f"{each.name}, in viser's client, names no licence: find it out, and name it in [client_stated]."
+        elif not is_within(spdx(licence), table.permitted) and each.name not in table.client_judged:
+            yield f"{each.name} ({licence}) is in viser's client: judge it in [client_judged], or do without viser."
+    silent = {each.name for each in packages if not each.licence}
+    for name in sorted(set(table.client_stated) - silent):
+        yield f"{name} says its licence by itself, or is gone from viser's client: take it out of [client_stated]."
+    for name in sorted(set(table.client_judged) - {each.name for each in packages}):
+        yield f"{name} is not in viser's client any more: take it out of [client_judged]."
 
 
 def _is_for_here(pin: Pin) -> bool:

@@ -22,6 +22,7 @@ from cyclonedx.validation.json import JsonStrictValidator
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT / ".ci"))
 
+import client_packages  # noqa: E402
 import dependency_page  # noqa: E402
 import licence_rules  # noqa: E402
 import locked  # noqa: E402
@@ -125,6 +126,25 @@ def test_a_library_is_found_wherever_in_a_wheel_it_lies() -> None:
     ]
 
 
+def test_what_is_in_the_client_of_viser_is_known_and_what_nobody_has_judged_is_complained_of(tmp_path: Path) -> None:
+    table, parts = licence_rules.Table.read(), client_packages.client_packages()
+    assert {"react", "three", "@mantine/core"} <= {part.name for part in parts}
+    assert not {"eslint", "vitest", "fsevents"} & {part.name for part in parts}, "it is not made of those"
+    assert list(licence_rules.client_complaints(parts, table)) == []
+    strange = client_packages.ClientPackage("leftpad", "1", "AGPL-3.0-only", "00")
+    silent = client_packages.ClientPackage("rightpad", "1", "", "00")
+    without = replace(table, client_judged={"gone": "?"}, client_stated={"react": "MIT"})
+    found = list(licence_rules.client_complaints([*parts, strange, silent], without))
+    assert {sentence.split(" ")[0].rstrip(",") for sentence in found} == {
+        "leftpad", "rightpad", "webgl-constants", "argparse", "caniuse-lite", "lightningcss", "gone", "react",
+    }  # fmt: skip
+    lock = tmp_path / "package-lock.json"
+    for damaged in ("", "{}", "[]", '{"packages": {"node_modules/a": {"version": "1", "integrity": "md5-00"}}}'):
+        lock.write_text(damaged, encoding="utf-8")
+        with pytest.raises(locked.LockError, match="cannot be read"):
+            client_packages.client_packages(lock)
+
+
 # --------------------------------------------------------------------------------------- why each dependency is there
 def test_a_dependency_without_a_line_and_a_line_without_a_dependency_are_complained_of(copy: Path) -> None:
     table = licence_rules.Table.read()
@@ -184,6 +204,18 @@ def test_the_bill_of_materials_is_valid_whole_and_the_same_each_time(tmp_path: P
     httpx = next(ref for ref in needs if ref.startswith("httpx=="))
     assert {ref.partition("==")[0] for ref in needs[httpx]} == {"anyio", "certifi", "httpcore", "idna"}
     assert "timestamp" not in text
+
+
+def test_the_bill_of_the_console_names_what_viser_carries_in_its_page() -> None:
+    bill = json.loads(made_here(["", "console"]))
+    parts = {part["bom-ref"]: part for part in bill["components"]}
+    core = next(part for ref, part in parts.items() if ref.startswith("pkg:npm/%40mantine/core@"))
+    assert (core["group"], core["name"], core["licenses"][0]["expression"]) == ("@mantine", "core", "MIT")
+    assert len(core["externalReferences"][0]["hashes"][0]["content"]) == 128
+    needs = {each["ref"]: set(each.get("dependsOn", ())) for each in bill["dependencies"]}
+    viser = next(ref for ref in parts if ref.startswith("viser=="))
+    assert {ref for ref in parts if ref.startswith("pkg:npm/")} < needs[viser]
+    assert JsonStrictValidator(SchemaVersion.V1_6).validate_str(json.dumps(bill)) is None
 
 
 def test_the_bill_of_the_glasses_is_of_what_is_put_on_them() -> None:

@@ -62,7 +62,7 @@ def run_backup(arguments: argparse.Namespace) -> None:
     made = back_up(site_folder_of(arguments), data_folder, arguments.file, progress=_percent("Backup"))
     _write_down_backup(data_folder, arguments.file)
     for path in made.left_out:
-        sys.stderr.write(f"Left out, for it is nothing of the console's: {path}\n")
+        sys.stderr.write(f"Left out, for it is nothing of the console's, or a link: {path}\n")
     sys.stdout.write(
         f"{made.file}: {_of(made.manifest, made.manifest.graph_version)}, {made.size_bytes / 1e6:,.1f} MB.\n"
     )

@@ -21,6 +21,7 @@ from console.data_lock import LOCK_FILE, DataLock
 from console.folder_restore import finish_restore, fresh_path, is_occupied, kept_path, put_in_place
 from console.graph_store import graph_key
 from console.opening import open_model
+from console.plain_files import refuse_link
 from console.replaced_console import ReplacedConsole, carry_over, read_replaced
 from console.retention import believe_clock
 from console.store import DATABASE_FILE, Store
@@ -140,6 +141,7 @@ def _refuse_occupied(site_folder: Path, data_folder: Path, replace: bool) -> Non
     for folder, sign in ((site_folder, SITE_MANIFEST), (data_folder, DATABASE_FILE)):
         if not is_occupied(folder):
             continue
+        refuse_link(folder / sign)
         if not (folder / sign).is_file():
             raise BackupError(f"{folder} holds other files: name an empty folder, or one that a console has used.")
         if not replace:

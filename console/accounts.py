@@ -79,7 +79,7 @@ class Accounts:
             session.execute(delete(OneTimeLinkRow).where(OneTimeLinkRow.user_id.is_(None)))
             return self._add_link(session, None)
 
-    def new_admin_link_token(self, by: str = "command line") -> str:
+    def new_admin_link_token(self, by: str) -> str:
         """Make the token of a link for one more admin: for whoever has the machine, and no way in."""
         with self._store.writing() as session:
             self._store.add_audit(session, by, "admin_link")

@@ -32,6 +32,7 @@ from console.backup_archive import (
 from console.data_lock import DataLock
 from console.folder_restore import finish_restore
 from console.graph_store import StoredGraphLog, graph_key
+from console.plain_files import open_below, refuse_link
 from console.store import DATABASE_FILE, Store
 from console.tables import SCHEMA_VERSION as DATABASE_SCHEMA
 from console.tables import OneTimeLinkRow, SessionRow
@@ -63,8 +64,10 @@ class BackupMade:
 
 @dataclass(frozen=True, slots=True)
 class _Source:
+    part: str
+    folder: Path
     name: str
-    path: Path
+    """In the folder."""
     size_bytes: int
 
 
@@ -79,7 +82,7 @@ def back_up(
     """Write a backup to a new file. The console may run.
 
     Raises BackupError where it cannot be written or there is such a file, SiteError, or InputError where the database
-    is damaged; then there is no new file.
+    is damaged, or a link lies where it or one of the folders should; then there is no new file.
     """
     if file.exists():
         raise BackupError(f"{file} is there already: name a new file.")
@@ -102,6 +105,7 @@ def _backed_up(
     site_folder: Path, data_folder: Path, file: Path, work: Path, wall_s: Callable[[], float], progress: Progress
 ) -> BackupMade:
     recover(site_folder)
+    _refuse_links(site_folder, data_folder)
     site, map_sha256 = read_manifest(site_folder), map_checksum(site_folder)
     made_at_s = wall_s()
     _copy_database(data_folder / DATABASE_FILE, work / DATABASE_FILE)
@@ -110,8 +114,7 @@ def _backed_up(
     sources = [*_site_files(site_folder, site, graph_folder), _source("data", work, DATABASE_FILE), *kept]
     _refuse_without_room(work, sources)
     archive = work / "backup.zip"
-    with archive.open("xb") as out:
-        writer = BackupWriter(out)
+    with archive.open("xb") as out, contextlib.closing(BackupWriter(out)) as writer:
         _add_all(writer, sources, progress)
         _check_site(writer, site_folder, site)
         manifest = BackupManifest(
@@ -193,8 +196,15 @@ def _prepared(work: Path, site_folder: Path, site: Manifest, key: str) -> tuple[
 
 # -------------------------------------------------------------------------------------------------------- the files
 def _source(part: str, folder: Path, name: str) -> _Source:
-    path = folder / name
-    return _Source(f"{part}/{name}", path, path.stat().st_size)
+    return _Source(part, folder, name, (folder / name).lstat().st_size)
+
+
+def _refuse_links(site_folder: Path, data_folder: Path) -> None:
+    """See that what is read by its path is no link, and that none takes the place of a whole folder's files."""
+    for path in (site_folder / SITE_MANIFEST, site_folder / GRAPH_FILE, data_folder / DATABASE_FILE):
+        refuse_link(path)
+    for name in KEPT_FOLDERS:
+        refuse_link(data_folder / name)
 
 
 def _site_files(site_folder: Path, site: Manifest, graph_folder: Path) -> list[_Source]:
@@ -225,10 +235,11 @@ def _kept_files(data_folder: Path) -> tuple[list[_Source], list[Path]]:
 
 
 def _files_below(folder: Path) -> Iterator[Path]:
-    """Give every file; not what begins with a dot, as all does that is being written."""
+    """Give every file, and links; not what begins with a dot, as all does that is being written."""
     for parent, folders, files in os.walk(folder):
         folders[:] = sorted(name for name in folders if not name.startswith("."))
-        for name in sorted(files):
+        # Nobody goes into a folder that is a link.
+        for name in sorted([*files, *(name for name in folders if (Path(parent) / name).is_symlink())]):
             if not name.startswith("."):
                 yield Path(parent) / name
 
@@ -252,8 +263,8 @@ def _add_all(writer: BackupWriter, sources: list[_Source], progress: Progress) -
 
     for source in sources:
         # Deleted since it was seen: then it is not kept, as if it had been deleted a moment earlier.
-        with contextlib.suppress(FileNotFoundError), source.path.open("rb") as file:
-            writer.add(source.name, file, source.size_bytes, on_bytes)
+        with contextlib.suppress(FileNotFoundError), open_below(source.folder, source.name) as file:
+            writer.add(f"{source.part}/{source.name}", file, source.size_bytes, on_bytes)
 
 
 def _check_site(writer: BackupWriter, site_folder: Path, site: Manifest) -> None:

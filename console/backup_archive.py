@@ -15,6 +15,7 @@ through memory in pieces, of any size.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import re
 import stat
@@ -100,6 +101,11 @@ class BackupWriter:
         with self._archive.open(_member(MANIFEST), "w") as target:
             target.write(msgspec.json.format(msgspec.json.encode(manifest), indent=1))
         self._archive.close()
+
+    def close(self) -> None:
+        """Let go of the file while it is open; without its list before, it is no backup."""
+        with contextlib.suppress(OSError):
+            self._archive.close()
 
 
 def _member(name: str) -> zipfile.ZipInfo:

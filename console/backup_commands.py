@@ -62,8 +62,10 @@ def run_backup(arguments: argparse.Namespace) -> None:
     made = back_up(site_folder_of(arguments), data_folder, arguments.file, progress=_percent("Backup"))
     _write_down_backup(data_folder, arguments.file)
     for path in made.left_out:
-        sys.stderr.write(f"Left out, for it is nothing of the console's: {path}\n")
-    sys.stdout.write(f"{made.file}: {_of(made.manifest)}, {made.size_bytes / 1e6:,.1f} MB.\n")
+        sys.stderr.write(f"Left out, for it is nothing of the console's, or a link: {path}\n")
+    sys.stdout.write(
+        f"{made.file}: {_of(made.manifest, made.manifest.graph_version)}, {made.size_bytes / 1e6:,.1f} MB.\n"
+    )
 
 
 def _write_down_backup(data_folder: Path, file: Path) -> None:
@@ -88,7 +90,7 @@ def run_restore(arguments: argparse.Namespace) -> None:
 
     if arguments.verify:
         manifest = verify_backup(arguments.file, _percent("Checked"))
-        sys.stdout.write(f"{arguments.file} is whole: {_of(manifest)}.\n")
+        sys.stdout.write(f"{arguments.file} is whole: {_of(manifest, manifest.graph_version)}.\n")
         return
     site_folder, data_folder = site_folder_of(arguments), data_folder_of(arguments)
     done = restore(arguments.file, site_folder, data_folder, replace=arguments.replace, progress=_percent("Restored"))
@@ -96,7 +98,7 @@ def run_restore(arguments: argparse.Namespace) -> None:
 
 
 def _tell_restored(done: Restored, site_folder: Path, data_folder: Path) -> None:
-    sys.stdout.write(f"{site_folder} and {data_folder} are {_of(done.manifest)}.\n")
+    sys.stdout.write(f"{site_folder} and {data_folder} are {_of(done.manifest, done.graph_version)}.\n")
     rights = _RIGHTS_OF_NOW if done.are_rights_of_now else _RIGHTS_OF_THEN
     sys.stdout.write(
         f"Everybody signs in anew. {rights} What is older than may be kept is deleted at the next start.\n"
@@ -123,9 +125,9 @@ def data_folder_of(arguments: argparse.Namespace) -> Path:
     return default_data_folder(arguments.site)
 
 
-def _of(manifest: BackupManifest) -> str:
+def _of(manifest: BackupManifest, draft_version: int) -> str:
     made = time.strftime("%Y-%m-%d %H:%M:%S UTC", time.gmtime(manifest.made_at_s))
-    return f"{manifest.site_name} as of {made}, {len(manifest.files)} files, draft version {manifest.graph_version}"
+    return f"{manifest.site_name} as of {made}, {len(manifest.files)} files, draft version {draft_version}"
 
 
 def _percent(word: str) -> Progress:

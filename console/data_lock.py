@@ -10,10 +10,10 @@ import contextlib
 import errno
 import fcntl
 import os
-import stat
 from pathlib import Path
 from types import TracebackType
 
+from console.plain_files import is_plain
 from navcore.errors import InputError
 
 LOCK_FILE = "console.lock"
@@ -78,7 +78,7 @@ def _opened(path: Path) -> int:
             return _made(path, flags)
         with contextlib.suppress(FileNotFoundError):
             handle = os.open(path, flags | os.O_NONBLOCK)
-            if _is_plain(handle):
+            if is_plain(handle):
                 return handle
             os.close(handle)
             raise OSError(errno.EINVAL, f"{LOCK_FILE} is no plain file of its own: move it away", str(path))
@@ -91,8 +91,3 @@ def _made(path: Path, flags: int) -> int:
         owner = path.parent.stat()
         os.fchown(handle, owner.st_uid, owner.st_gid)
     return handle
-
-
-def _is_plain(handle: int) -> bool:
-    found = os.fstat(handle)
-    return stat.S_ISREG(found.st_mode) and found.st_nlink <= 1

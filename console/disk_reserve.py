@@ -11,6 +11,8 @@ import os
 import shutil
 from pathlib import Path
 
+from console.plain_files import is_plain
+
 RESERVE_BYTES = 4 << 20
 _STEP_BYTES = 1 << 12
 _FILE = "reserve"
@@ -31,7 +33,7 @@ def release(folder: Path) -> int:
     """Give the room back; return how much there was."""
     path = folder / _FILE
     try:
-        held_bytes = _held_bytes(path.stat())
+        held_bytes = _held_bytes(path.lstat())
         path.unlink()
     except OSError:
         return 0
@@ -49,7 +51,11 @@ def _held_bytes(found: os.stat_result) -> int:
 
 def _grow(folder: Path, most_bytes: int, least_bytes: int) -> None:
     path = folder / _FILE
-    with contextlib.suppress(OSError), path.open("ab") as out:
+    # Root opens it too, in a folder of another user's, who may have put a link there to a file of root's.
+    flags = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC
+    with contextlib.suppress(OSError), os.fdopen(os.open(path, flags, 0o600), "ab") as out:
+        if not is_plain(out.fileno()):
+            return
         held_bytes = _held_bytes(os.fstat(out.fileno()))
         for size_bytes in range(most_bytes, max(held_bytes, least_bytes - 1), -_STEP_BYTES):
             try:

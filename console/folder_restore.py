@@ -61,7 +61,7 @@ def put_in_place(site_folder: Path, data_folder: Path) -> None:
     ]
     note = _note_path(data_folder)
     begun = note.with_name(f"{note.name}.new")
-    handle = os.open(begun, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+    handle = os.open(begun, os.O_RDWR | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC | os.O_NOFOLLOW, 0o600)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX)
         os.write(handle, msgspec.json.encode(_Note(tuple(swaps))))
@@ -77,8 +77,9 @@ def finish_restore(data_folder: Path) -> None:
     """Do the rest of a restore that was cut off. Raises BusyDataError while one is under way, InputError."""
     note = _note_path(data_folder)
     try:
-        with _locked(note):
-            _swap_all(msgspec.json.decode(note.read_bytes(), type=_Note), note)
+        with _locked(note) as handle, os.fdopen(handle, "rb", closefd=False) as file:
+            _refuse_of_another(handle, note)
+            _swap_all(msgspec.json.decode(file.read(), type=_Note), note)
     except FileNotFoundError:
         return
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
@@ -86,6 +87,15 @@ def finish_restore(data_folder: Path) -> None:
             f"A backup was being restored here, and that cannot be brought to its end ({error}): see to the disk, and"
             f" who may write in {note.parent}, then start again; {note.name} there says what takes whose place."
         ) from error
+
+
+def _refuse_of_another(handle: int, note: Path) -> None:
+    """See who has left the note: root is not to move folders by that of somebody else. Raises InputError."""
+    if os.fstat(handle).st_uid not in (os.geteuid(), 0):
+        raise InputError(
+            f"Another user has begun to restore a backup here ({note.name} says so): do this as that user, or start the"
+            " console as that user first, which brings it to its end."
+        )
 
 
 def _swap_all(note: _Note, path: Path) -> None:
@@ -109,11 +119,13 @@ def _note_path(data_folder: Path) -> Path:
 
 
 @contextmanager
-def _locked(note: Path) -> Iterator[None]:
-    handle = os.open(note, os.O_RDONLY | os.O_CLOEXEC)
+def _locked(note: Path) -> Iterator[int]:
+    handle = os.open(note, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        yield
+        # Whoever was at it meanwhile has brought it to its end where the note is gone.
+        note.lstat()
+        yield handle
     except BlockingIOError as error:
         raise BusyDataError("A backup is being restored here: wait until that is done, then try again.") from error
     finally:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+from console.audit_command import command_line
 from console.config import ConsoleConfig
 from console.device_store import DeviceStore
 from console.folder_restore import finish_restore
@@ -68,7 +69,7 @@ def let_token_of_file_in(devices: DeviceStore, path: Path) -> str | None:
         raise InputError(f"The device token file {path} cannot be used ({error}): name another one.") from error
     if len(token) < 20 or not token.isprintable() or " " in token:
         raise InputError(f"The device token file {path} holds no token: delete it, and a new one is made.")
-    if devices.ensure_token(path.stem, token, "command line"):
+    if devices.ensure_token(path.stem, token, command_line()):
         return None
     return (
         f"The device token in {path} was taken back, or replaced by a newer one: it lets no device in. To let this"

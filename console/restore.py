@@ -15,11 +15,13 @@ from pathlib import Path
 
 from sqlalchemy import func, select
 
+from console.audit_command import command_line
 from console.backup_archive import BackupArchive, BackupError, BackupManifest, Progress, opened_backup
 from console.data_lock import LOCK_FILE, DataLock
 from console.folder_restore import finish_restore, fresh_path, is_occupied, kept_path, put_in_place
 from console.graph_store import graph_key
 from console.opening import open_model
+from console.plain_files import refuse_link
 from console.replaced_console import ReplacedConsole, carry_over, read_replaced
 from console.retention import believe_clock
 from console.store import DATABASE_FILE, Store
@@ -42,6 +44,8 @@ class Restored:
     """What was restored, and where what was there before is kept."""
 
     manifest: BackupManifest
+    graph_version: int
+    """Of the draft PoI-graph, as it is numbered now: no two graphs share a number."""
     kept: tuple[Path, ...]
     are_rights_of_now: bool
     """Whether what was taken back since the backup stays taken back (:func:`console.replaced_console.carry_over`)."""
@@ -83,7 +87,9 @@ def restore(
         try:
             _unpack(archive, fresh, progress)
             _check(archive.manifest, fresh["site"], fresh["data"])
-            are_rights_of_now = _prepare(archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s)
+            are_rights_of_now, graph_version = _prepare(
+                archive.manifest, fresh["site"], fresh["data"], data_folder, wall_s
+            )
             for folder in fresh.values():
                 sync_tree(folder)
             # Somebody may have come meanwhile: unpacking takes long.
@@ -93,7 +99,7 @@ def restore(
         except BaseException:
             _finish_or_clear(data_folder, fresh)
             raise
-    return Restored(archive.manifest, kept, are_rights_of_now)
+    return Restored(archive.manifest, graph_version, kept, are_rights_of_now)
 
 
 def _finish_or_clear(data_folder: Path, fresh: dict[str, Path]) -> None:
@@ -135,6 +141,7 @@ def _refuse_occupied(site_folder: Path, data_folder: Path, replace: bool) -> Non
     for folder, sign in ((site_folder, SITE_MANIFEST), (data_folder, DATABASE_FILE)):
         if not is_occupied(folder):
             continue
+        refuse_link(folder / sign)
         if not (folder / sign).is_file():
             raise BackupError(f"{folder} holds other files: name an empty folder, or one that a console has used.")
         if not replace:
@@ -216,10 +223,10 @@ def _prepare(
     data_folder: Path,
     replaced_folder: Path,
     wall_s: Callable[[], float],
-) -> bool:
+) -> tuple[bool, int]:
     """Make what was unpacked the console's of now: devices may run a later graph than any that it knows.
 
-    Returns whether accounts and device tokens are those of now.
+    Returns whether accounts and device tokens are those of now, and the version of the draft.
     """
     store = Store.open(data_folder, wall_s)
     try:
@@ -228,11 +235,12 @@ def _prepare(
         replaced = read_replaced(replaced_folder, store)
         are_rights_of_now = replaced is not None and carry_over(replaced, store)
         known = _newest_known(store, key, replaced)
-        open_model(store, site, site_folder).number_beyond(known)
+        model = open_model(store, site, site_folder)
+        model.number_beyond(known)
         believe_clock(store)
         when = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime(manifest.made_at_s))
-        store.audit("command line", "restored", f"a backup of {when}")
-        return are_rights_of_now
+        store.audit(command_line(), "restored", f"a backup of {when}")
+        return are_rights_of_now, model.graph.version
     finally:
         store.close()
 

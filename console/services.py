@@ -27,7 +27,6 @@ from console.presence import Presence
 from console.presets import Presets
 from console.recordings import Recordings
 from console.rehearsals import Rehearsals, Sounds
-from console.repeating import Repeating
 from console.retention import EVERY_S, DeleteBefore, Retention
 from console.settings_store import SettingsStore
 from console.site_imports import SiteImports
@@ -40,6 +39,7 @@ from console.view_requests import ViewRequests
 from console.walk_library import WalkLibrary
 from console.watching import LOOK_EVERY_S, Watching
 from console.what_if import WhatIfs
+from navcore.repeating import Repeating
 from navcore.settings import SettingValue
 
 SEE_TO_ROOM_EVERY_S = 30.0

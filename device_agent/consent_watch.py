@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable
 from dataclasses import replace
 
 from device_agent.device_store import DeviceStore
 from device_agent.sharing import NOTHING_SHARED, Consent
 from navcore.errors import InputError, VbrError
+from navcore.repeating import Repeating
 
 LOOK_EVERY_S = 1.0
 _log = logging.getLogger(__name__)
@@ -29,18 +29,15 @@ class ConsentWatch:
         self._store, self._default, self._submit = store, default, submit
         self._seen = seen
         self._newest_version = 0
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="consent", daemon=True)
+        self._looking = Repeating("consent", LOOK_EVERY_S, self.look)
 
     def start(self) -> None:
         """Begin to look."""
-        self._thread.start()
+        self._looking.start()
 
     def stop(self) -> None:
         """Look no more."""
-        self._stopped.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._looking.close()
 
     def look(self) -> None:
         """Hand over what is kept, where the file is another one than at the last look."""
@@ -66,7 +63,3 @@ class ConsentWatch:
             return replace(consent, version=0)
         self._newest_version = consent.version
         return consent
-
-    def _run(self) -> None:
-        while not self._stopped.wait(LOOK_EVERY_S):
-            self.look()

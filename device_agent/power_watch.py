@@ -7,12 +7,12 @@ console raises its alerts (docs/alerts.md).
 from __future__ import annotations
 
 import logging
-import threading
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from device_agent.ports import HostHealth
 from navcore.errors import VbrError
+from navcore.repeating import Repeating
 
 LOOK_EVERY_S = 5.0
 LOW_PERCENT, NEARLY_EMPTY_PERCENT = 20.0, 8.0
@@ -79,18 +79,15 @@ class PowerWatch:
         """``say(key)`` has a text of :data:`navcore.cues.texts.TEXTS` spoken; off duty nothing is said."""
         self._read, self._on_duty, self._say, self._now_s = read, on_duty, say, now_s
         self._told = PowerTold()
-        self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="power", daemon=True)
+        self._looking = Repeating("power", LOOK_EVERY_S, self.look)
 
     def start(self) -> None:
         """Begin to look."""
-        self._thread.start()
+        self._looking.start()
 
     def stop(self) -> None:
         """Look no more."""
-        self._stopped.set()
-        if self._thread.is_alive():
-            self._thread.join()
+        self._looking.close()
 
     def look(self) -> None:
         """Look once, and have said what is due; whoever could not be told is told at the next look."""
@@ -104,8 +101,3 @@ class PowerWatch:
             _log.warning("%s", error)
             return
         self._told = told
-
-    def _run(self) -> None:
-        self.look()
-        while not self._stopped.wait(LOOK_EVERY_S):
-            self.look()

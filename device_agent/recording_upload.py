@@ -27,6 +27,10 @@ MAX_BEGINNINGS = 3
 """A recording that comes damaged so often is not begun again."""
 
 
+class NoThreadError(VbrError):
+    """The machine starts no thread just now that could read the disk; nothing is wrong with any recording."""
+
+
 class InterruptedUploadError(VbrError):
     """The recording has not gone whole; what has gone is kept, and the next attempt goes on from there."""
 
@@ -47,7 +51,7 @@ async def send_recording(
         until_quiet: waited for before each piece: what is more urgent goes first.
         progress: told how many bytes are there, of how many.
 
-    Raises InterruptedUploadError where trying again goes on from there, else VbrError.
+    Raises InterruptedUploadError or NoThreadError where trying again goes on from there, else VbrError.
     """
     async with _client(console) as client:
         await until_quiet()
@@ -78,8 +82,20 @@ def _client(console: MapSource) -> AbstractAsyncContextManager[httpx.AsyncClient
 
 async def _send_piece(client: httpx.AsyncClient, archive: RecordingArchive, sha256: str, offset: int) -> RecordingHeld:
     """Send a piece, and pause for as long as that has taken: half of a slow link is left to all else."""
-    piece = await asyncio.to_thread(archive.read, offset, PIECE_BYTES)
+    piece = await in_thread(lambda: archive.read(offset, PIECE_BYTES))
     return await unhurried(_asked(client.put(piece_path(sha256, offset), content=piece), _PIECE_REFUSED))
+
+
+async def in_thread(work: Callable[[], T]) -> T:
+    """Do what reads the disk beside the event loop. Raises NoThreadError, or what it raises."""
+    try:
+        begun = asyncio.get_running_loop().run_in_executor(None, work)
+    except RuntimeError as error:
+        raise NoThreadError(
+            f"This device is short of memory, or has too many threads, to read recordings ({error}): they wait here,"
+            " and are tried again."
+        ) from error
+    return await begun
 
 
 async def unhurried(work: Awaitable[T]) -> T:

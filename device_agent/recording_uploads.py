@@ -9,12 +9,19 @@ import asyncio
 import logging
 from collections import Counter
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 
 from device_agent.link_settings import LinkSettings
 from device_agent.map_download import MapSource
 from device_agent.recording_queues import MapWalkQueue, RecordingQueue, WalkQueue
-from device_agent.recording_upload import InterruptedUploadError, send_recording, unhurried
+from device_agent.recording_upload import (
+    InterruptedUploadError,
+    NoThreadError,
+    in_thread,
+    send_recording,
+    unhurried,
+)
 from device_agent.state import MapWalkTold
 from navcore.errors import VbrError
 from navcore.recording_archive import RecordingArchive
@@ -68,17 +75,28 @@ class RecordingUploads:
 
     async def run(self) -> None:
         """Send what waits, for ever."""
+        failures = 0
         while True:
             self._waits.clear()
-            if all([await self._sent_all(queue) for queue in self._queues]):
+            try:
+                is_known = all([await self._sent_all(queue) for queue in self._queues])
+            except Exception as error:
+                # Whatever it was, recordings that are never sent again would be worse.
+                failures += 1
+                if failures == 1:
+                    _log.warning("no recording is sent for now: %s", error)
+                await self._wait(self._pause_s(failures))
+                continue
+            failures = 0
+            if is_known:
                 await self._waits.wait()
 
     async def _sent_all(self, queue: RecordingQueue) -> bool:
         """Send what waits of a kind; False where it is not known yet what becomes of some of it."""
-        return all([await self._settle(queue, recording) for recording in await asyncio.to_thread(queue.waiting)])
+        return all([await self._settle(queue, recording) for recording in await in_thread(queue.waiting)])
 
     async def _settle(self, queue: RecordingQueue, recording: Path) -> bool:
-        """Send a recording, and keep what has become of it; False where that is not known yet."""
+        """Send a recording, and keep what has become of it; False where that is not known yet. Raises NoThreadError."""
         failure = ""
         try:
             if not await self._sent_in_turn(queue, recording):
@@ -86,12 +104,16 @@ class RecordingUploads:
         except _WithdrawnError as error:
             _log.info("%s", error)
             return True
+        except NoThreadError:
+            raise
         except Exception as error:
             # Whatever is wrong with one, the others are sent, and it stays where it is.
             failure = str(error)[:500] or type(error).__name__
             _log.warning("the recording of %s is not sent: %s", recording.name, error)
         try:
-            told = await asyncio.to_thread(queue.settle, recording, failure)
+            told = await in_thread(partial(queue.settle, recording, failure))
+        except NoThreadError:
+            raise
         except (OSError, VbrError) as error:
             # It is offered again at the next start; the console knows that it has it.
             _log.warning("what has become of %s cannot be kept: %s", recording.name, error)
@@ -111,10 +133,10 @@ class RecordingUploads:
                 raise _WithdrawnError(f"{recording.name} stays here: the walker does not share it.")
 
         await until_quiet()
-        archive = await asyncio.to_thread(queue.archive, recording)
+        archive = await in_thread(partial(queue.archive, recording))
         if recording not in self._checksums:
             self._checksums[recording] = await _checksum(archive, until_quiet)
-        date = await asyncio.to_thread(queue.date, recording)
+        date = await in_thread(partial(queue.date, recording))
         name = recording.stem[:120]
         offer = RecordingOffer(queue.kind, name, archive.size_bytes, self._checksums[recording], date)
         for _ in range(ATTEMPTS_PER_TURN):
@@ -133,5 +155,5 @@ async def _checksum(archive: RecordingArchive, until_quiet: Callable[[], Awaitab
     hashing = archive.hashing()
     while True:
         await until_quiet()
-        if (sha256 := await unhurried(asyncio.to_thread(hashing))) is not None:
+        if (sha256 := await unhurried(in_thread(hashing))) is not None:
             return sha256

@@ -154,11 +154,12 @@ def requests_of(room: Room) -> dict[str, tuple[str, Any]]:
     cloud = msgspec.json.encode(RecordingOffer("walk", "walk", 10, SHA256))
     geojson = b'{"type": "FeatureCollection", "features": []}'
     admin = room.services.accounts
+    link = admin.new_admin_link_token("command line")
     change = {"changes": {"follower.lead_s": 0.8}, "confirmed": True}
     return {
         "POST /api/sign-in": ("/api/sign-in", {"name": "viewer", "password": PASSWORD}),
         "POST /api/first/look": ("/api/first/look", {"token": "unknown"}),
-        "POST /api/first": ("/api/first", {"token": admin.new_admin_link_token(), "name": "New", "password": PASSWORD}),
+        "POST /api/first": ("/api/first", {"token": link, "name": "New", "password": PASSWORD}),
         "POST /api/sign-out": ("/api/sign-out", None),
         "POST /api/versions": ("/api/versions", {"name": "Monday"}),
         "POST /api/versions/{version}/roll-back": (f"/api/versions/{version - 1}/roll-back", {"base_version": version}),

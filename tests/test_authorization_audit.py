@@ -209,7 +209,7 @@ def test_whoever_changes_something_is_written_down_and_no_secret_is(
         secrets += [token_of(said["link"])] if "link" in said else []
     changing = {f"{method} {path}" for method, path in IN_GROUP if method not in ("GET", "WS")}
     assert tried == changing, "a route that changes something is written down, or the table says why not"
-    link = room.services.accounts.new_admin_link_token()
+    link = room.services.accounts.new_admin_link_token("command line")
     for name, password in (("admin", WRONG_PASSWORD), (WRONG_PASSWORD, "x"), ("disabled", PASSWORD)):
         room.call({"Host": HOST, "Origin": ORIGIN}, "POST", "/api/sign-in", {"name": name, "password": password})
     chosen = {"token": link, "name": "Newest", "password": PASSWORD}

@@ -258,7 +258,7 @@ def test_signing_in_again_ends_the_session_that_the_browser_had(room: Room) -> N
 
 def test_choosing_a_password_ends_the_session_that_the_browser_had(room: Room) -> None:
     admin = room.session("admin")
-    link = room.services.accounts.new_admin_link_token()
+    link = room.services.accounts.new_admin_link_token("command line")
     chosen = {"token": link, "name": "Second", "password": PASSWORD}
     assert room.call(admin, "POST", "/api/first", {**chosen, "token": "unknown"}).status == 404
     assert room.call(admin, "GET", "/api/session").status == 200

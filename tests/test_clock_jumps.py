@@ -184,7 +184,7 @@ def test_a_session_lasts_no_longer_because_the_clock_was_ahead_and_ends_by_no_sm
         assert accounts.signed_in(session) is not None
     clocks.wall_s += 10 * YEAR_S
     assert accounts.signed_in(session) is None
-    ahead, link = accounts.start_session(ada.id), accounts.new_admin_link_token()
+    ahead, link = accounts.start_session(ada.id), accounts.new_admin_link_token("command line")
     assert accounts.signed_in(ahead) is not None
     assert accounts.link_name(link) is None
     clocks.wall_s -= 10 * YEAR_S
@@ -197,7 +197,7 @@ def test_a_session_lasts_no_longer_because_the_clock_was_ahead_and_ends_by_no_sm
     # Seen now, by the clock of now: it lasts from here.
     clocks.wall_s += SESSION_IDLE_S + 60.0
     assert accounts.signed_in(again) is None
-    later = accounts.new_admin_link_token()
+    later = accounts.new_admin_link_token("command line")
     clocks.wall_s += LINK_VALID_S + 1.0
     with pytest.raises(NotFoundError):
         accounts.link_name(later)

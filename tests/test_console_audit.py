@@ -57,7 +57,8 @@ def test_the_command_line_says_what_it_did_and_who_it_was(
     site_folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     site = ["--site", str(site_folder)]
-    with serving(site_folder, tmp_path / "site.console") as server:
+    token_file = tmp_path / "other.token"
+    with serving(site_folder, tmp_path / "site.console", device_token_file=token_file) as server:
         server.services.store.audit("Mal\u202elory", "sign_in_failed", "10.0.0.1\x1b[2J")
         assert main(["console", "token", "glasses", *site]) == 0
     assert main(["console", "backup", str(tmp_path / "copy.zip"), *site]) == 0
@@ -66,7 +67,12 @@ def test_the_command_line_says_what_it_did_and_who_it_was(
     rows = [json.loads(line) for line in capsys.readouterr().out.splitlines()]
     me = f"command line, {getpass.getuser()}"
     assert [(row["who"], row["action"]) for row in rows[:2]] == [(me, "backup"), (me, "token_created")]
+    assert [row["who"] for row in rows if row["action"] == "token_created"] == [me, me], "that of the file too"
     assert [row["id"] for row in rows] == sorted((row["id"] for row in rows), reverse=True)
     assert main(["console", "audit", "--who", "lory", "--action", "failed", *site]) == 0
     (line,) = capsys.readouterr().out.splitlines()
     assert line.endswith("Mal lory: sign in failed  10.0.0.1 [2J")
+    assert main(["console", "restore", str(tmp_path / "copy.zip"), "--replace", *site]) == 0
+    capsys.readouterr()
+    assert main(["console", "audit", "--json", "--action", "restored", *site]) == 0
+    assert [json.loads(each)["who"] for each in capsys.readouterr().out.splitlines()] == [me]

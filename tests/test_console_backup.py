@@ -495,8 +495,12 @@ def test_the_commands_say_what_they_did_and_what_to_do(
     file = tmp_path / "b.zip"
     assert "Small site as of" in run("backup", file, "--site", place.site)
     assert "is whole" in run("restore", file, "--verify")
-    assert "signs in anew" in run("restore", file, "--site", tmp_path / "there" / "site")
+    restored = run("restore", file, "--site", tmp_path / "there" / "site")
+    assert "signs in anew" in restored
     assert Place(tmp_path / "there").content() == place.content()
+    with Place(tmp_path / "there").opened() as services, place.opened() as before:
+        assert services.model.graph.version != before.model.graph.version
+        assert f"draft version {services.model.graph.version}." in restored
     assert "before-restore: delete it" in run("restore", file, "--site", place.site, "--replace")
     assert main(["console", "backup", str(file), "--site", str(place.site)]) == 2
     assert "is there already" in capsys.readouterr().err

@@ -17,7 +17,6 @@ from device_hall import Rig
 from link_processes import surroundings
 from test_recorder import Times, recorded_rig
 
-from console.repeating import Repeating
 from console.server import ConsoleServer
 from console.storage_trouble import refusal_of
 from device_agent.recording.options import RecordingOptions
@@ -26,6 +25,7 @@ from navcore import command_process
 from navcore.errors import MappingError
 from navcore.map_building import MapBuilding
 from navcore.recording import RecordingWriter
+from navcore.repeating import Repeating
 from navcore.types import CameraIntrinsics
 from navcore.wire import SetDestination
 

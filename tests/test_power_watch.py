@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from contextlib import ExitStack
 
 import pytest
@@ -25,7 +26,7 @@ from device_agent.power_watch import (
 )
 from device_agent.sensors import Hardware
 from navcore.cues.texts import TEXTS
-from navcore.errors import VbrError
+from navcore.errors import SensorError, VbrError
 from navcore.modes import Mode
 
 
@@ -116,6 +117,25 @@ def test_whoever_is_led_hears_it_and_is_led_on() -> None:
     rig.cycles(60)
     assert any(cue.text == TEXTS["en"]["battery_empty"] for cue in rig.output.cues)
     assert rig.agent.state.mode is Mode.GUIDING
+
+
+def test_a_look_that_fails_is_not_the_last_one() -> None:
+    looked_once, said = threading.Event(), threading.Event()
+
+    def read() -> HostHealth:
+        if not looked_once.is_set():
+            looked_once.set()
+            raise SensorError("The battery cannot be read: see to its cable.")
+        return HostHealth(battery_percent=1.0)
+
+    watch = PowerWatch(read, lambda: True, lambda key: said.set(), lambda: 0.0)
+    watch.start()
+    try:
+        assert looked_once.wait(20.0)
+        watch._looking.wake()
+        assert said.wait(20.0)
+    finally:
+        watch.stop()
 
 
 def test_the_limits_are_those_of_the_alerts() -> None:

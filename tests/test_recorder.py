@@ -344,6 +344,40 @@ def test_the_loop_does_not_wait_for_the_disk(tmp_path: Path) -> None:
     assert [number for path in parts_in(tmp_path) for number in numbers(path)] == list(range(1, 51))
 
 
+def test_where_no_thread_starts_recording_goes_on(tmp_path: Path) -> None:
+    times = Times()
+    rig, recorder = recorded_rig(RecordingOptions(tmp_path), times)
+    # More than there is: the system starts no thread with such a stack.
+    usual_bytes = threading.stack_size(1 << 50)
+    try:
+        run(rig, recorder, times, 30)
+    finally:
+        threading.stack_size(usual_bytes)
+    run(rig, recorder, times, 30)
+    recorder.close()
+    (path,) = parts_in(tmp_path)
+    assert numbers(path) == list(range(1, 61))
+
+
+def test_a_device_that_begins_in_1970_gives_no_two_runs_the_same_name(tmp_path: Path) -> None:
+    options, ids = RecordingOptions(tmp_path, device_id="g" * 60), list[str]()
+    chance = iter(["00000001", "00000000"])
+    for _ in range(2):
+        before = {path: path.read_bytes() for path in parts_in(tmp_path)}
+        told = list[str]()
+        files = WalkFiles(options, told.append, wall_s=lambda: 12.0, random_hex=lambda count: next(chance))
+        recorder = WalkRecorder(options, files)
+        rig = Rig(tap=recorder)
+        rig.cycles(20)
+        recorder.close()
+        assert told == []
+        assert {path: path.read_bytes() for path in before} == before, "what is there stays as it is"
+        (path,) = set(parts_in(tmp_path)) - set(before)
+        assert numbers(path) == list(range(1, 21))
+        ids.append(WalkFile(path).part.recording_id)
+    assert ids == [f"19700101T000012Z-{'g' * 60}-0000000{number}" for number in (1, 0)]
+
+
 def test_what_the_watchdog_says_is_recorded_as_the_watchdogs(tmp_path: Path) -> None:
     times = Times()
     rig, recorder = recorded_rig(RecordingOptions(tmp_path), times)

@@ -6,7 +6,9 @@ import asyncio
 import signal
 import subprocess
 import sys
+import threading
 from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import msgspec
@@ -163,6 +165,61 @@ def test_one_that_cannot_be_sent_says_so_and_stops_no_other(
     assert read_state(built).stage == "built", "what was built here stays here"
     (there,) = server.services.recordings.all()
     assert (there.entry.offer.name, there.entry.offer.date, there.entry.device) == (fit.name, "2026-11-29", "Glasses")
+
+
+MORE_THAN_THERE_IS_BYTES = 1 << 50
+"""Of memory, for the stack of a thread: the system starts none."""
+
+
+@pytest.mark.parametrize("asked_count", [0, 1, 2, 4])
+def test_where_no_thread_starts_it_is_told_and_the_recording_goes_later(
+    server: ConsoleServer, source: MapSource, tmp_path: Path, caplog: pytest.LogCaptureFixture, asked_count: int
+) -> None:
+    """At its start, before a recording is opened, while its checksum is made, and while it is sent."""
+    walk = waiting_walk(tmp_path / "walks")
+    asked, pauses = 0, list[float]()
+    told, usual_bytes = list[str](), threading.stack_size()
+
+    async def run() -> None:
+        done = asyncio.Event()
+
+        def run_out() -> None:
+            threading.stack_size(MORE_THAN_THERE_IS_BYTES)
+            # As if each thread that there is had other work.
+            asyncio.get_running_loop().set_default_executor(ThreadPoolExecutor())
+
+        async def until_quiet() -> None:
+            nonlocal asked
+            asked += 1
+            if asked == asked_count:
+                run_out()
+
+        async def wait(seconds: float) -> None:
+            pauses.append(seconds)
+            assert read_state(walk).stage == "handed_over", "it is not given up"
+            threading.stack_size(usual_bytes)
+
+        def tell(each: MapWalkTold) -> None:
+            told.append(each.phrases[0].key)
+            done.set()
+
+        settings = LinkSettings(source.console_url, source.token, tmp_path / "incoming", map_walks=walk.parent)
+        uploads = RecordingUploads(settings, asyncio.Event(), until_quiet, float, wait, tell, bool)
+        if asked_count == 0:
+            run_out()
+        running = asyncio.create_task(uploads.run())
+        await done.wait()
+        running.cancel()
+
+    try:
+        asyncio.run(asyncio.wait_for(run(), DEADLINE_S))
+    finally:
+        threading.stack_size(usual_bytes)
+    assert (told, pauses) == (["map_sent"], [1.0])
+    (said,) = (record.message for record in caplog.records if "no recording is sent for now" in record.message)
+    assert "(can't start new thread): they wait here" in said
+    (there,) = server.services.recordings.all()
+    assert there.complete
 
 
 KILLED_BEFORE_THE_RENAME = """

@@ -57,7 +57,7 @@ def test_who_was_locked_out_since_the_backup_is_not_let_in_by_it(tmp_path: Path,
     place, elsewhere = published_at(tmp_path / "here", small_site), published_at(tmp_path / "there", small_site)
     with place.opened() as services:
         accounts, devices = services.accounts, services.devices
-        ada = accounts.use_link(accounts.new_admin_link_token(), "Ada", PASSWORDS["first"])
+        ada = accounts.use_link(accounts.new_admin_link_token("command line"), "Ada", PASSWORDS["first"])
         ben, _ = accounts.invite("Ben", "editor", "Ada")
         eve, link = accounts.invite("Eve", "admin", "Ada")
         accounts.use_link(link, "", PASSWORDS["first"])
@@ -75,7 +75,7 @@ def test_who_was_locked_out_since_the_backup_is_not_let_in_by_it(tmp_path: Path,
     # Another console has an account and a token of the same number and name, which are nothing to these.
     with elsewhere.opened() as services:
         accounts = services.accounts
-        accounts.use_link(accounts.new_admin_link_token(), "Somebody else", PASSWORDS["second"])
+        accounts.use_link(accounts.new_admin_link_token("command line"), "Somebody else", PASSWORDS["second"])
         services.devices.create_token("lost", "Somebody else")
     for each in (place, elsewhere):
         done = restore(file, each.site, each.data, replace=True)

@@ -25,7 +25,7 @@ from console.alerts.watch import LedRecord, Watch
 from console.errors import ConflictError, ConsoleError, NotFoundError
 from console.hub import DeviceHub
 from console.live import STALE_AFTER_S, LiveDevice
-from console.repeating import Repeating
+from navcore.repeating import Repeating
 
 CHECK_EVERY_S = 0.25
 HEARD_KEPT_EVERY_S = 5.0

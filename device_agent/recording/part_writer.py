@@ -114,7 +114,12 @@ class DiskSync:
             if self._busy:
                 return
             self._busy = True
-        threading.Thread(target=self._sync, args=(path,), name="recording-sync", daemon=True).start()
+        try:
+            threading.Thread(target=self._sync, args=(path,), name="recording-sync", daemon=True).start()
+        except RuntimeError:
+            # No memory, or too many threads, just now: recording goes on, and the disk is asked again soon.
+            with self._lock:
+                self._busy = False
 
     def _sync(self, path: Path) -> None:
         try:

@@ -1,9 +1,12 @@
 """The files of a walk: which one is written, when the next one begins, which old ones go, and what if the disk fails.
 
-A run is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. A
-file ends when it is large or old enough, where cycles are missing, and where a walk begins or ends, so that a walk has
-files of its own; each says of which walk it is. Old files go when all together are too large, when the disk gets full,
-or after some days (:mod:`device_agent.recording.room`). Only recordings are ever removed, and never what is written.
+A run is ``NAME-001.mcap``, ``NAME-002.mcap``, …, each whole in itself: it begins with all that the loop remembers. No
+two runs have the same name: a device without a clock of its own begins each at about the same second of 1970.
+
+A file ends when it is large or old enough, where cycles are missing, and where a walk begins or ends, so that a walk
+has files of its own; each says of which walk it is. Old files go when all together are too large, when the disk gets
+full, or after some days (:mod:`device_agent.recording.room`). Only recordings are ever removed, and never what is
+written.
 """
 
 from __future__ import annotations
@@ -14,6 +17,7 @@ import logging
 import math
 import os
 import re
+import secrets
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -41,7 +45,9 @@ FLUSH_EVERY_S = 0.5
 """So often everything is handed to the operating system; a crash loses less than a second."""
 SYNC_EVERY_S = 1.0
 RETRY_AFTER_S = 30.0
-_PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,60})-(?P<part>[0-9]{3,6})\.mcap")
+_PART_NAME = re.compile(r"(?P<walk>[0-9]{8}T[0-9]{6}Z-[A-Za-z0-9_-]{1,80})-(?P<part>[0-9]{3,6})\.mcap")
+_RUN_BYTES = 4
+"""In a run's name, by chance; two hexadecimal digits each."""
 _CLOCK_FILE = ".clock.json"
 """What was known of the machine's clock when a file was begun last (navcore.clock_trust)."""
 _MAX_EARLY = 256
@@ -114,10 +120,12 @@ class WalkFiles:
         is_synchronised: Callable[[], bool | None] = clock_is_synchronised,
         open_file: Callable[[Path], BinaryIO] = create,
         free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
+        random_hex: Callable[[int], str] = secrets.token_hex,
     ) -> None:
         """``report`` hears, in a sentence, when recording breaks off and when it goes on.
 
-        ``monotonic_s`` is a clock that nobody sets, and that goes on while the machine sleeps.
+        ``monotonic_s`` is a clock that nobody sets, and that goes on while the machine sleeps; ``random_hex`` gives so
+        many bytes by chance.
         """
         self._options = options
         self._report = report
@@ -127,7 +135,8 @@ class WalkFiles:
         """Called when a file has been completed."""
         self._walk = WalkWatch()
         self._walk_part = 0
-        self._walk_id = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s())) + f"-{options.device_id}"
+        self._walk_id = time.strftime("%Y%m%dT%H%M%SZ", time.gmtime(wall_s()))
+        self._walk_id += f"-{options.device_id}-{random_hex(_RUN_BYTES)}"
         self._part_number = 0
         self._part: PartWriter | None = None
         self._path: Path | None = None

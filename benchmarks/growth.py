@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import os
+import threading
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +14,7 @@ from scipy import stats
 
 WARM_UP_H = 1.0
 """Simulated; caches fill, and the allocator takes its pages. The slope is of what comes after it."""
+_FIXED_EVERY_S = 0.1
 _PAGE_MB = os.sysconf("SC_PAGE_SIZE") / 2**20
 _KEY_KB = "Pss:"
 
@@ -110,3 +113,35 @@ def _size_bytes(path: Path) -> int:
         return path.stat().st_size if path.is_file() else 0
     except FileNotFoundError:
         return 0
+
+
+class Machine:
+    """How long the same computation takes meanwhile, which tells what other work takes of the machine: a context."""
+
+    def __init__(self) -> None:
+        self._taken_ms: list[float] = []
+        self._values = np.random.default_rng(0).random(60_000)
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._compute, daemon=True)
+
+    def __enter__(self) -> Machine:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended.set()
+        self._thread.join()
+
+    def reading(self) -> dict[str, float]:
+        """Return what it took since this was asked last."""
+        taken_ms, self._taken_ms = self._taken_ms, []
+        return {
+            "machine: a fixed computation, median, ms": float(np.median(taken_ms)),
+            "machine: a fixed computation, p99, ms": float(np.percentile(taken_ms, 99)),
+        }
+
+    def _compute(self) -> None:
+        while not self._ended.wait(_FIXED_EVERY_S):
+            began_s = time.perf_counter()
+            np.sort(self._values)
+            self._taken_ms.append(1e3 * (time.perf_counter() - began_s))

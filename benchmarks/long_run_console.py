@@ -24,7 +24,7 @@ from websockets.sync.client import connect
 
 from benchmarks.console_process import RunningConsole, console_again, console_process, corridor
 from benchmarks.editor import opened, read, windows
-from benchmarks.growth import Reading, folder_mb, process_reading
+from benchmarks.growth import Machine, Reading, folder_mb, process_reading
 from benchmarks.monitor_browsers import Page, Seen, console_page, look, overview_page
 from benchmarks.monitor_devices import Told, burst_all
 from console.config import ConsoleConfig
@@ -185,14 +185,14 @@ def device(plan: Plan, size: str, rate_hz: float, seed: int, folder: Path) -> Re
     readings: list[Reading] = []
     with console_process(folder / "console", 1) as console:
         people = People(console)
-        with _walking(folder / "device", console, plan.hours, size, rate_hz, seed) as process:
+        with Machine() as machine, _walking(folder / "device", console, plan.hours, size, rate_hz, seed) as process:
             assert process.stdin is not None
             assert process.stdout is not None
             for line in process.stdout:
                 told = json.loads(line)
                 held = process_reading(process.pid, "device") | process_reading(console.pid, "console")
                 at_h.append(told["hours"])
-                readings.append(held | told["figures"] | kept(console))
+                readings.append(held | told["figures"] | kept(console) | machine.reading())
                 people.http.post(f"/api/devices/{_DEVICE}/say", json={"text": f"Sentence {len(at_h)}."})
                 _progress("device", told["hours"], plan, told["took_s"])
                 if time.monotonic() >= plan.until_s:
@@ -230,7 +230,7 @@ def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> tuple[Rea
     """Let so many hours of a walker's messages come in as fast as they are taken, while people watch and work."""
     at_h: list[float] = []
     readings: list[Reading] = []
-    with console_process(folder, 1) as running:
+    with console_process(folder, 1) as running, Machine() as machine:
         people, told = People(running), Told(_DEVICE)
         pages = (console_page(_DEVICE), overview_page([_DEVICE]), _ALERTS)
 
@@ -258,7 +258,7 @@ def console(plan: Plan, folder: Path, devices: ProcessPoolExecutor) -> tuple[Rea
                     "console: capture to page in a burst, median, ms": 1e3 * float(np.median(delays_s)),
                     "console: capture to page in a burst, p99, ms": 1e3 * float(np.percentile(delays_s, 99)),
                 }
-                readings.append(held | await asyncio.to_thread(joining, running))
+                readings.append(held | await asyncio.to_thread(joining, running) | machine.reading())
                 at_h.append(number * STEP_MINUTES / 60.0)
                 _progress("console", at_h[-1], plan, time.monotonic() - began_s)
             for task in looking:

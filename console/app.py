@@ -127,6 +127,9 @@ def _is_opened_in_browser(request: Request) -> bool:
 
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    if isinstance(error.__cause__, ConsoleError):
+        # Whatever is raised while a body comes, the framework calls it a body that cannot be read.
+        return error_response(error.__cause__)
     if error.status_code == 404:
         if _is_opened_in_browser(request):
             return pages.missing_page()

@@ -1,7 +1,8 @@
 """Room that is put by while there is some, for what must be done though the disk is full.
 
 A console has to start: SQLite needs some files of its own before anything can be read, and whoever watches over walkers
-needs the console. While it runs, people sign in and out by it, are locked out, and tokens are taken back.
+needs the console. While it runs, people sign in and out by it, choose a password by a link, are locked out, and tokens
+are taken back.
 """
 
 from __future__ import annotations

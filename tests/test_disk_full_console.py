@@ -97,6 +97,10 @@ def begun(server: ConsoleServer) -> tuple[Person, DialledDevice, str]:
     return admin, device, token
 
 
+def id_of(server: ConsoleServer, name: str) -> int:
+    return next(user.id for user in server.services.accounts.users() if user.name == name)
+
+
 def long_ago_s() -> float:
     return time.time() - 30 * 86_400.0
 
@@ -260,7 +264,10 @@ def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
         admin, device, token = begun(server)
         services = server.services
         vera = invited(admin, "Vera", "viewer")
-        vera_id = next(user.id for user in services.accounts.users() if user.name == "Vera")
+        links = {
+            name: admin.http.post("/api/users", json={"name": name, "role": "viewer"}).raise_for_status().json()["link"]
+            for name in ("Wes", "Wanda")
+        }
         disk.fill()
         services.store.see_to_room()
         assert "as good as full" in caplog.text
@@ -275,11 +282,20 @@ def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
             assert left.http.get("/api/session").status_code == 401
             # Who edits takes what room there is, but not the room that was put by.
             assert admin.edit("update_poi", poi_id="b", name="Tea bar").status_code in (200, 507)
-        assert admin.http.patch(f"/api/users/{vera_id}", json={"disabled": True}).is_success
+        assert admin.http.patch(f"/api/users/{id_of(server, 'Vera')}", json={"disabled": True}).is_success
         assert vera.http.get("/api/session").status_code == 401
         assert admin.http.post("/api/tokens/revoke", json={"name": "Glasses"}).is_success
         assert services.devices.name_of(token) is None
         assert device.close_code()[0] == 4401
+        # Whoever has no password yet, or has forgotten it, gets in all the same.
+        for name in ("Wes", "Wanda"):
+            wanted = Person(server.ready.url)
+            assert wanted.open_link(links[name]).is_success
+            assert wanted.http.get("/api/session").json()["name"] == name
+            answer = admin.http.post(f"/api/users/{id_of(server, name)}/link")
+            forgetful = Person(server.ready.url)
+            assert forgetful.open_link(answer.raise_for_status().json()["link"], password="eight quiet lifts").is_success
+            assert wanted.http.get("/api/session").status_code == 401
         disk.free()
         services.store.see_to_room()
         assert (disk.folder / "data" / "reserve").stat().st_size == RESERVE_BYTES, "for the next time"

@@ -39,9 +39,12 @@ def release(folder: Path) -> int:
     return held_bytes
 
 
-def is_short_of_room(folder: Path) -> bool:
-    """Whether the disk has less room left than what is put by: it will soon be full, or is."""
-    return shutil.disk_usage(folder).free < RESERVE_BYTES
+def is_short_of_room(folder: Path, *, was_short: bool) -> bool:
+    """Whether the disk has less room left than what is put by: it will soon be full, or is.
+
+    Where it was, that is over with twice as much: people who are told of it are not told anew with every file.
+    """
+    return shutil.disk_usage(folder).free < RESERVE_BYTES * (2 if was_short else 1)
 
 
 def _held_bytes(found: os.stat_result) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -257,6 +258,25 @@ def test_a_console_starts_on_a_full_disk_and_says_what_is_wrong_on_a_read_only_o
     Store.open(disk.folder / "data").close()
 
 
+def test_a_disk_at_the_border_is_not_told_anew_again_and_again(
+    disk: SmallDisk, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store.open(disk.folder / "data")
+
+    def told_with(free_bytes: int) -> bool:
+        disk.fill()
+        zeros = disk.folder / "zeros"
+        os.truncate(zeros, zeros.stat().st_size - free_bytes)
+        store.see_to_room()
+        return store.is_short_of_room
+
+    room_bytes = RESERVE_BYTES + (1 << 20)
+    assert [told_with(each) for each in (room_bytes, 1 << 20, room_bytes, 1 << 20)] == [False, True, True, True]
+    assert caplog.text.count("as good as full") == 1
+    assert not told_with(2 * RESERVE_BYTES)
+    store.close()
+
+
 def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
     disk: SmallDisk, tmp_path: Path, small_site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -292,9 +312,9 @@ def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
             wanted = Person(server.ready.url)
             assert wanted.open_link(links[name]).is_success
             assert wanted.http.get("/api/session").json()["name"] == name
-            answer = admin.http.post(f"/api/users/{id_of(server, name)}/link")
+            answer = admin.http.post(f"/api/users/{id_of(server, name)}/link").raise_for_status()
             forgetful = Person(server.ready.url)
-            assert forgetful.open_link(answer.raise_for_status().json()["link"], password="eight quiet lifts").is_success
+            assert forgetful.open_link(answer.json()["link"], password="eight quiet lifts").is_success
             assert wanted.http.get("/api/session").status_code == 401
         disk.free()
         services.store.see_to_room()

@@ -99,6 +99,12 @@ class Accounts:
         self.link_name(token)  # Hashing takes long on purpose: not for somebody without a link.
         with self._hashing_in_turn():
             password_hash = hash_of_password(password)
+        # Urgent, as signing in is: somebody may have no other way in, and only who has a link comes so far.
+        result, ended = self._store.urgently(partial(self._spend_link, token, name, password_hash))
+        self._tell_ended(ended)
+        return result
+
+    def _spend_link(self, token: str, name: str, password_hash: str) -> tuple[User, list[str]]:
         with self._store.writing() as session:
             link = self._open_link(session, token)
             link.used_at_s = self._store.wall_s()
@@ -109,9 +115,7 @@ class Accounts:
             _void_links(session, user.id)
             ended = _end_sessions(session, user.id)
             self._store.add_audit(session, user.name, "password_chosen")
-            result = _as_user(user)
-        self._tell_ended(ended)
-        return result
+            return _as_user(user), ended
 
     # ----------------------------------------------------------------------------------------------- sessions
     def sign_in(self, name: str, password: str, address: str) -> str:
@@ -133,6 +137,9 @@ class Accounts:
 
     def start_session(self, user_id: int) -> str:
         """Return the token of a new session of this person."""
+        return self._store.urgently(partial(self._start_session, user_id))
+
+    def _start_session(self, user_id: int) -> str:
         with self._store.writing() as session:
             return self._add_session(session, user_id)
 
@@ -220,6 +227,9 @@ class Accounts:
 
         Earlier links are void.
         """
+        return self._store.urgently(partial(self._new_password_link, user_id, by))
+
+    def _new_password_link(self, user_id: int, by: str) -> str:
         with self._store.writing() as session:
             user = _user(session, user_id)
             _void_links(session, user_id)

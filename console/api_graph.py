@@ -23,6 +23,7 @@ from console.roles import EDITING
 from console.services import Services
 from console.view_requests import FlyToPoi, FlyToPoint, FollowDevice, MoveCamera, ViewRequest
 from console.viewer.shortcuts import help_groups
+from navcore.misfit import words_of
 from navcore.planning.poi_graph import POI_KINDS, PoiGraph, Road
 
 HISTORY_SHOWN_COUNT = 200
@@ -137,4 +138,4 @@ def decode_edit(body: bytes) -> Edit:
     try:
         return _edit_decoder.decode(body)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BadRequestError(f"This edit cannot be made: {str(error)[:200]}.") from error
+        raise BadRequestError(f"This edit cannot be made: {words_of(error)}.") from error

@@ -43,6 +43,7 @@ from console.security import Guard, error_response
 from console.services import Services
 from console.storage_trouble import refusal_of
 from navcore.errors import VbrError
+from navcore.misfit import field_and_words, words_of
 
 _log = logging.getLogger(__name__)
 _ROUTES = (
@@ -113,10 +114,8 @@ async def _failed(request: Request, error: Exception) -> Response:
 
 async def _unfit(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    first = error.errors()[0]
-    where = ".".join(str(part) for part in first["loc"][1:]) or "The request"
-    why = str(first["ctx"]["error"]) if first["type"] == "value_error" else f"{first['msg']}."
-    return error_response(BadRequestError(f"{where} cannot be used: {why}"))
+    field, why = field_and_words(error.errors())
+    return error_response(BadRequestError(f"{field or 'The request'} cannot be used: {why}."))
 
 
 def _is_opened_in_browser(request: Request) -> bool:
@@ -127,6 +126,11 @@ def _is_opened_in_browser(request: Request) -> bool:
 
 async def _http_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
+    if isinstance(error.__cause__, ConsoleError):
+        # Whatever is raised while a body comes, the framework calls it a body that cannot be read.
+        return error_response(error.__cause__)
+    if isinstance(error.__cause__, UnicodeDecodeError | RecursionError):
+        return error_response(BadRequestError(f"The request cannot be used: {words_of(error.__cause__)}."))
     if error.status_code == 404:
         if _is_opened_in_browser(request):
             return pages.missing_page()

@@ -29,6 +29,7 @@ from typing import BinaryIO
 import msgspec
 
 from navcore.errors import InputError
+from navcore.misfit import words_of
 from navcore.site_files import FileEntry
 from navcore.zip_end import read_zip_end
 
@@ -204,7 +205,7 @@ def _read_manifest(archive: zipfile.ZipFile, members: dict[str, zipfile.ZipInfo]
             )
         manifest = msgspec.json.decode(data, type=BackupManifest)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError, zipfile.BadZipFile, EOFError) as error:
-        raise BackupError(f"The list of files in the backup cannot be read ({error}): {_OTHER}.") from error
+        raise BackupError(f"The list of files in the backup cannot be read ({words_of(error)}): {_OTHER}.") from error
     if manifest.format != FORMAT or manifest.schema_version < 1:
         raise BackupError(f"The file is no backup of a console: {_OTHER}.")
     return manifest

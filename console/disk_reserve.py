@@ -1,7 +1,8 @@
 """Room that is put by while there is some, for what must be done though the disk is full.
 
 A console has to start: SQLite needs some files of its own before anything can be read, and whoever watches over walkers
-needs the console. While it runs, people sign in and out by it, are locked out, and tokens are taken back.
+needs the console. While it runs, people sign in and out by it, choose a password by a link, are locked out, and tokens
+are taken back.
 """
 
 from __future__ import annotations
@@ -40,9 +41,12 @@ def release(folder: Path) -> int:
     return held_bytes
 
 
-def is_short_of_room(folder: Path) -> bool:
-    """Whether the disk has less room left than what is put by: it will soon be full, or is."""
-    return shutil.disk_usage(folder).free < RESERVE_BYTES
+def is_short_of_room(folder: Path, *, was_short: bool) -> bool:
+    """Whether the disk has less room left than what is put by: it will soon be full, or is.
+
+    Where it was, that is over with twice as much: people who are told of it are not told anew with every file.
+    """
+    return shutil.disk_usage(folder).free < RESERVE_BYTES * (2 if was_short else 1)
 
 
 def _held_bytes(found: os.stat_result) -> int:

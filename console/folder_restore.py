@@ -20,6 +20,7 @@ import msgspec
 from console.data_lock import LOCK_FILE, BusyDataError
 from navcore.errors import InputError
 from navcore.folder_swap import aside, keep_aside, recover, swap_in, sync_path
+from navcore.misfit import words_of
 
 
 class _Swap(msgspec.Struct, frozen=True):
@@ -84,8 +85,9 @@ def finish_restore(data_folder: Path) -> None:
         return
     except (OSError, msgspec.MsgspecError, UnicodeDecodeError) as error:
         raise InputError(
-            f"A backup was being restored here, and that cannot be brought to its end ({error}): see to the disk, and"
-            f" who may write in {note.parent}, then start again; {note.name} there says what takes whose place."
+            f"A backup was being restored here, and that cannot be brought to its end ({words_of(error)}): see to the"
+            f" disk, and who may write in {note.parent}, then start again; {note.name} there says what takes whose"
+            " place."
         ) from error
 
 

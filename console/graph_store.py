@@ -14,6 +14,7 @@ from console.graph_log import NAME_TAKEN, LogEntry, Publication, PublishedVersio
 from console.store import Store
 from console.tables import GraphEntryRow, PublicationRow, SiteRow, VersionNameRow
 from navcore.errors import InputError
+from navcore.misfit import words_of
 from navcore.planning.poi_graph import PoiGraph
 
 
@@ -123,5 +124,6 @@ class StoredGraphLog:
             return msgspec.json.decode(text, type=LogEntry)
         except msgspec.MsgspecError as error:
             raise InputError(
-                f"Version {version} of the PoI-graph cannot be read from the database ({error}): restore a backup."
+                f"Version {version} of the PoI-graph cannot be read from the database ({words_of(error)}): restore a"
+                " backup."
             ) from error

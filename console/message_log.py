@@ -24,6 +24,7 @@ from typing import BinaryIO
 import msgspec
 
 from navcore.errors import InputError, WireError
+from navcore.misfit import words_of
 from navcore.wire import MAX_MESSAGE_BYTES, DeviceMessage, decode_from_device
 
 MAGIC = b"VBRLOG1\n"
@@ -111,7 +112,7 @@ def read_messages(path: Path) -> Iterator[TimedMessage]:
             arrival_s, offset_s, data = msgspec.msgpack.decode(payload, type=tuple[float, float, bytes])
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             raise MessageLogError(
-                f"Record {number} of {path.name} is no message ({error}): it cannot be shown."
+                f"Record {number} of {path.name} is no message ({words_of(error)}): it cannot be shown."
             ) from error
         try:
             message = decode_from_device(data)

@@ -33,6 +33,7 @@ import msgspec
 from console.errors import BadRequestError, ConflictError, NoRoomError, NotFoundError, TooLargeError
 from console.retention import UndeletedError
 from navcore.folder_swap import sync_path
+from navcore.misfit import words_of
 from navcore.recording_upload import MAX_RECORDING_BYTES, RecordingHeld, RecordingOffer
 from navcore.site_files import clear_half_written, write_whole
 
@@ -314,7 +315,9 @@ def offer_of(data: bytes) -> RecordingOffer:
     try:
         return msgspec.json.decode(data, type=RecordingOffer)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BadRequestError(f"This offer of a recording cannot be read ({error}): update the device.") from error
+        raise BadRequestError(
+            f"This offer of a recording cannot be read ({words_of(error)}): update the device."
+        ) from error
 
 
 def _read_entry(path: Path) -> RecordingEntry | None:

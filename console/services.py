@@ -42,7 +42,8 @@ from console.what_if import WhatIfs
 from navcore.repeating import Repeating
 from navcore.settings import SettingValue
 
-SEE_TO_ROOM_EVERY_S = 30.0
+SEE_TO_ROOM_EVERY_S = 5.0
+"""People see on every page what was found last."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -107,13 +107,19 @@ class Store:
                 finally:
                     put_back(self._folder, released_bytes)
 
+    @property
+    def is_short_of_room(self) -> bool:
+        """Whether the disk was full, or as good as full, when :meth:`see_to_room` looked last."""
+        return self._is_short_of_room
+
     def see_to_room(self) -> None:
         """Put by what was used as soon as there is room again; tell the log when the disk is as good as full."""
         if self._folder is None:
             return
         with self._write_lock:
             put_by(self._folder)
-        was_short, self._is_short_of_room = self._is_short_of_room, is_short_of_room(self._folder)
+        was_short = self._is_short_of_room
+        self._is_short_of_room = is_short_of_room(self._folder, was_short=was_short)
         if self._is_short_of_room and not was_short:
             _log.error("The disk of %s is as good as full: free it now. Nothing more can be stored soon.", self._folder)
 

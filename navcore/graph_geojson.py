@@ -21,6 +21,7 @@ import msgspec
 
 from navcore.errors import InputError
 from navcore.foreign_map import ForeignLine, ForeignMap, ForeignPlace, is_on_map, place_of, shown, text_of
+from navcore.misfit import words_of
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
 
 SCHEMA_VERSION = 1
@@ -105,7 +106,7 @@ def decode(text: bytes) -> PoiGraph | ForeignMap:
     try:
         collection = msgspec.json.decode(text, type=_Collection)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"The file is no GeoJSON FeatureCollection ({str(error)[:200]}): {_AGAIN}.") from error
+        raise InputError(f"The file is no GeoJSON FeatureCollection ({words_of(error)}): {_AGAIN}.") from error
     if collection.type != "FeatureCollection":
         raise InputError("The GeoJSON file is no FeatureCollection: export one from the program that made it.")
     if len(collection.features) > MAX_FEATURE_COUNT:
@@ -126,7 +127,7 @@ def _marker(raw: msgspec.Raw) -> _Marker:
             )
         return msgspec.json.decode(raw, type=_Marker)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise InputError(f"The GeoJSON file's vbr_poi_graph cannot be read ({error}): {_AGAIN}.") from error
+        raise InputError(f"The GeoJSON file's vbr_poi_graph cannot be read ({words_of(error)}): {_AGAIN}.") from error
 
 
 def _own(features: list[_Feature], marker: _Marker) -> PoiGraph:
@@ -161,7 +162,7 @@ def _own_thing(number: int, feature: _Feature) -> Poi | Edge | Road:
                 return msgspec.convert({**properties, "points_m": _line(geometry)}, Road)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(
-            f"Feature {number} of the GeoJSON file cannot be read ({str(error)[:200]}): {_AGAIN}."
+            f"Feature {number} of the GeoJSON file cannot be read ({words_of(error)}): {_AGAIN}."
         ) from error
     raise InputError(f"Feature {number} of the GeoJSON file is neither place, edge nor road: {_AGAIN}.")
 
@@ -204,7 +205,7 @@ def _foreign_thing(number: int, feature: _Feature) -> ForeignPlace | ForeignLine
                 return f"{label}: its line has fewer than two points, or some that are not within 100 km."
             return ForeignLine(label, points)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return f"{label}: it cannot be read ({str(error)[:120]})."
+        return f"{label}: it cannot be read ({words_of(error)})."
     return f"{label}: a {shown(str(geometry.type))} is neither a place nor a road."
 
 

@@ -21,6 +21,7 @@ import msgspec
 
 from navcore.errors import InputError
 from navcore.foreign_map import ForeignLink, ForeignMap, ForeignPlace, is_on_map, place_of, shown, text_of
+from navcore.misfit import words_of
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph, Road
 
 SCHEMA_VERSION = 1
@@ -261,7 +262,7 @@ def _converted(label: str, raw: object, kind: Any) -> Any:
     try:
         return msgspec.convert(raw, kind)
     except (msgspec.MsgspecError, RecursionError) as error:
-        sentence = f"{label} of the GraphML file cannot be read ({str(error)[:200]}): {_AGAIN}."
+        sentence = f"{label} of the GraphML file cannot be read ({words_of(error)}): {_AGAIN}."
         raise InputError(sentence) from error
 
 

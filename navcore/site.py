@@ -37,6 +37,7 @@ from numpy.typing import NDArray
 from navcore.errors import SiteError
 from navcore.folder_swap import fresh_folder, recover, swap_in, sync_tree
 from navcore.geometry import FloatArray
+from navcore.misfit import words_of
 from navcore.planning.poi_graph import PoiGraph
 from navcore.site_files import (
     FILE_NAME,
@@ -175,7 +176,7 @@ def load_site(folder: Path) -> Site:
         table = _session_table(manifest, contents.get("sessions.json"))
         cloud = _checked_cloud(folder, by_folder["cloud"], len(table.sessions))
     except (KeyError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise SiteError(f"The site {folder} is incomplete ({error}): build the map again.") from error
+        raise SiteError(f"The site {folder} is incomplete ({words_of(error)}): build the map again.") from error
     _check_roads(folder, roads, table)
     return Site(
         manifest.site_id, manifest.name, intrinsics, by_folder["map"], roads, cloud["points_m"], cloud["colours_rgb"],

@@ -31,6 +31,7 @@ import msgspec
 
 from navcore.errors import InputError, SiteError
 from navcore.folder_swap import fresh_folder, recover, swap_in, sync_tree
+from navcore.misfit import words_of
 from navcore.planning.edits import validate
 from navcore.site import GRAPH_FILE, load_poi_graph, load_site, map_checksum, prepare_site_folder
 from navcore.site_files import FILE_NAME, MANIFEST, MAX_SITE_BYTES, FileEntry, read_manifest, write_whole
@@ -220,7 +221,9 @@ def _read_manifest(archive: zipfile.ZipFile, members: Mapping[str, zipfile.ZipIn
             )
         manifest = msgspec.json.decode(data, type=ArchiveManifest)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise SiteError(f"The list of files in the site archive cannot be read ({error}): {AGAIN}.") from error
+        raise SiteError(
+            f"The list of files in the site archive cannot be read ({words_of(error)}): {AGAIN}."
+        ) from error
     if manifest.format != FORMAT or manifest.schema_version < 1 or manifest.id != _identity(manifest.files):
         raise SiteError(f"The list of files in the site archive contradicts itself: {AGAIN}.")
     return manifest

@@ -15,6 +15,7 @@ from typing import Annotated, Literal, TypeVar, cast
 import msgspec
 
 from navcore.errors import VersionError, WireError
+from navcore.misfit import words_of
 from navcore.modes import Mode, is_led
 from navcore.planning.poi_graph import PoiGraph
 from navcore.wire_row import Delivery, Direction, MessageRow
@@ -551,7 +552,7 @@ def _checked(data: bytes, decoder: msgspec.msgpack.Decoder[T]) -> T:
         message = decoder.decode(data)
     except (msgspec.MsgspecError, RecursionError, UnicodeDecodeError) as error:
         raise WireError(
-            f"A message cannot be read ({error}): use the same version of the program on both sides."
+            f"A message cannot be read ({words_of(error)}): use the same version of the program on both sides."
         ) from error
     kind = cast("type[msgspec.Struct]", type(message))
     _refuse_larger(len(data), MESSAGES[kind].max_bytes, kind.__name__)

@@ -10,13 +10,15 @@ const SIGNED_OUT = 4401;
 
 const listeners = new Set();
 let alerts = null;
+let fullDisk = null;
 const clock = new PageClock(); // what came before the computer slept is as old as the sleep was long
 let receivedAt_s = clock.now_s(); // until then: when the page began to listen
 let failures = 0;
 let started = false;
 
-/** Call `show(alerts, elapsed_s, known)` at each message and twice a second: `alerts` is null before the first message, `elapsed_s` is how long
- *  ago it came (add it to every age), and `known` is false once the console has gone silent: nobody knows then whether there are others. */
+/** Call `show(alerts, elapsed_s, known, fullDisk)` at each message and twice a second: `alerts` is null before the first message, `elapsed_s` is how long
+ *  ago it came (add it to every age), and `known` is false once the console has gone silent: nobody knows then whether there are others.
+ *  `fullDisk` is null where the disk of the console's machine has room. */
 export function onAlerts(show) {
   listeners.add(show);
   begin();
@@ -36,7 +38,9 @@ function connect() {
   let opened = false;
   socket.onopen = () => { opened = true; failures = 0; };
   socket.onmessage = ({ data }) => {
-    take(JSON.parse(data).alerts);
+    const told = JSON.parse(data);
+    fullDisk = told.full_disk;
+    take(told.alerts);
   };
   socket.onclose = async ({ code }) => {
     if (code === SIGNED_OUT) return signInAgain();
@@ -58,5 +62,5 @@ function tellAll() {
 
 function tell(show) {
   const elapsed_s = clock.now_s() - receivedAt_s;
-  show(alerts, elapsed_s, alerts !== null && elapsed_s < SILENT_AFTER_S);
+  show(alerts, elapsed_s, alerts !== null && elapsed_s < SILENT_AFTER_S, fullDisk);
 }

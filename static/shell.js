@@ -4,6 +4,7 @@
 import { alertHead, alertSoundLine, watchAlerts } from "./alert-head.js";
 import { get, signOut } from "./api.js";
 import { $, el, setText } from "./dom.js";
+import { fullDiskLine, watchDisk } from "./full-disk.js";
 import { openHelp } from "./help.js";
 import { keepSession, knownSession } from "./session.js";
 import { attempt } from "./toast.js";
@@ -29,6 +30,7 @@ export async function start() {
   keepSession(session);
   show(session);
   watchAlerts();
+  watchDisk();
   return { ...session, mayEdit: EDITING.includes(session.role), mayTune: TUNING.includes(session.role), mayMap: MAPPING.includes(session.role) };
 }
 
@@ -51,7 +53,7 @@ function build() {
     el("button", { type: "button", class: "plain slim", id: "sign-out", onclick: () => attempt(signOut) }, "Sign out"));
   document.querySelector("header.top").append(brand, menu, nav, alertHead(), who);
   document.querySelector("header.top").after(
-    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), alertSoundLine(), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
+    el("div", { class: "banner", id: "link-banner", role: "alert", hidden: true }), fullDiskLine(), alertSoundLine(), el("p", { class: "people", id: "also-here", role: "status", hidden: true }));
   document.body.append(el("div", { class: "toasts", id: "toasts", role: "status", "aria-live": "polite" }));
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import os
 import sqlite3
 import time
 from collections.abc import Iterator
@@ -95,6 +96,10 @@ def begun(server: ConsoleServer) -> tuple[Person, DialledDevice, str]:
     assert device.next(EventConfirmed).sequence == 1
     tell(server, device, 1)
     return admin, device, token
+
+
+def id_of(server: ConsoleServer, name: str) -> int:
+    return next(user.id for user in server.services.accounts.users() if user.name == name)
 
 
 def long_ago_s() -> float:
@@ -253,6 +258,25 @@ def test_a_console_starts_on_a_full_disk_and_says_what_is_wrong_on_a_read_only_o
     Store.open(disk.folder / "data").close()
 
 
+def test_a_disk_at_the_border_is_not_told_anew_again_and_again(
+    disk: SmallDisk, caplog: pytest.LogCaptureFixture
+) -> None:
+    store = Store.open(disk.folder / "data")
+
+    def told_with(free_bytes: int) -> bool:
+        disk.fill()
+        zeros = disk.folder / "zeros"
+        os.truncate(zeros, zeros.stat().st_size - free_bytes)
+        store.see_to_room()
+        return store.is_short_of_room
+
+    room_bytes = RESERVE_BYTES + (1 << 20)
+    assert [told_with(each) for each in (room_bytes, 1 << 20, room_bytes, 1 << 20)] == [False, True, True, True]
+    assert caplog.text.count("as good as full") == 1
+    assert not told_with(2 * RESERVE_BYTES)
+    store.close()
+
+
 def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
     disk: SmallDisk, tmp_path: Path, small_site: Site, caplog: pytest.LogCaptureFixture
 ) -> None:
@@ -260,7 +284,10 @@ def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
         admin, device, token = begun(server)
         services = server.services
         vera = invited(admin, "Vera", "viewer")
-        vera_id = next(user.id for user in services.accounts.users() if user.name == "Vera")
+        links = {
+            name: admin.http.post("/api/users", json={"name": name, "role": "viewer"}).raise_for_status().json()["link"]
+            for name in ("Wes", "Wanda")
+        }
         disk.fill()
         services.store.see_to_room()
         assert "as good as full" in caplog.text
@@ -275,11 +302,20 @@ def test_on_a_full_disk_people_come_and_go_and_are_locked_out(
             assert left.http.get("/api/session").status_code == 401
             # Who edits takes what room there is, but not the room that was put by.
             assert admin.edit("update_poi", poi_id="b", name="Tea bar").status_code in (200, 507)
-        assert admin.http.patch(f"/api/users/{vera_id}", json={"disabled": True}).is_success
+        assert admin.http.patch(f"/api/users/{id_of(server, 'Vera')}", json={"disabled": True}).is_success
         assert vera.http.get("/api/session").status_code == 401
         assert admin.http.post("/api/tokens/revoke", json={"name": "Glasses"}).is_success
         assert services.devices.name_of(token) is None
         assert device.close_code()[0] == 4401
+        # Whoever has no password yet, or has forgotten it, gets in all the same.
+        for name in ("Wes", "Wanda"):
+            wanted = Person(server.ready.url)
+            assert wanted.open_link(links[name]).is_success
+            assert wanted.http.get("/api/session").json()["name"] == name
+            answer = admin.http.post(f"/api/users/{id_of(server, name)}/link").raise_for_status()
+            forgetful = Person(server.ready.url)
+            assert forgetful.open_link(answer.json()["link"], password="eight quiet lifts").is_success
+            assert wanted.http.get("/api/session").status_code == 401
         disk.free()
         services.store.see_to_room()
         assert (disk.folder / "data" / "reserve").stat().st_size == RESERVE_BYTES, "for the next time"

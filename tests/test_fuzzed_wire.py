@@ -13,6 +13,7 @@ from fuzz.targets_wire import GRAPH, SEEDS, TARGETS, device_ordered, device_seen
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from message_strategies import messages
+from test_misfit import FOREIGN, UNSAID
 from test_wire import DOWN, UP
 
 from console.place_words import PlaceWords
@@ -98,6 +99,7 @@ def test_a_message_with_something_harsh_in_any_place_is_a_message_or_a_wire_erro
                 assert re.search(r"\b(nan|inf)\b", repr(taken)) is None
     assert refusals
     assert all(each.endswith(".") for each in refusals)
+    assert [each for each in refusals if FOREIGN.search(each) or UNSAID in each] == [], "each in our own words"
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ from console_room import Person, first_admin, invited, serving
 from fuzz.seeds import site
 from test_console_recordings import Sender
 
+from console.rules import MAX_BODY_BYTES
 from console.server import ConsoleServer
 from navcore.graph_import import MAX_GRAPH_FILE_BYTES
 from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, PIECE_BYTES, piece_path
@@ -96,6 +97,7 @@ def raw(person: Person, path: str, head: str, body: bytes = b"") -> int | None:
 
 
 CHUNKED = "Transfer-Encoding: chunked\r\n"
+JSON = "Content-Type: application/json\r\n"
 BODIES = {
     "more is promised": ("Content-Length: 5000\r\n", EMPTY_GRAPH),
     "less than nothing": ("Content-Length: -1\r\n", EMPTY_GRAPH),
@@ -124,6 +126,17 @@ def test_a_body_that_lies_about_its_length_is_none(editor: Person, path: str, wh
 def test_a_body_without_a_length_is_taken_no_further_than_it_may_be(editor: Person, path: str) -> None:
     pieces = (b"PK\x03\x04" + bytes((1 << 20) - 4) for _ in range((MAX_GRAPH_FILE_BYTES >> 20) + 4))
     refused(editor.http.post(path, content=pieces), 400, 413)
+
+
+@pytest.mark.parametrize("path", ["/api/users", "/api/settings/presets", "/api/edits"])
+def test_a_body_in_chunks_is_too_large_where_it_is_whoever_reads_it(editor: Person, path: str) -> None:
+    for length, status in ((MAX_BODY_BYTES, 400), (MAX_BODY_BYTES + 1, 413)):
+        assert raw(editor, path, JSON + CHUNKED, in_chunks(b"x" * length)) == status
+
+
+def in_chunks(body: bytes) -> bytes:
+    pieces = (body[at : at + 50_000] for at in range(0, len(body), 50_000))
+    return b"".join(b"%x\r\n%b\r\n" % (len(piece), piece) for piece in pieces) + b"0\r\n\r\n"
 
 
 # --------------------------------------------------------------------------------------------------------- sites

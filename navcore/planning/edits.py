@@ -19,6 +19,7 @@ from scipy.spatial import cKDTree
 
 from navcore.errors import InputError, PlanningError
 from navcore.geometry import FloatArray
+from navcore.misfit import words_of
 from navcore.plain_text import is_blank, refuse_hidden
 from navcore.planning.neighbours import neighbour_pieces
 from navcore.planning.poi_graph import CAUTION_SIDES, POI_KINDS, CautionSide, Edge, Poi, PoiGraph, PoiKind
@@ -421,7 +422,7 @@ def _checked_poi(poi: Poi) -> Poi:
     try:
         return msgspec.convert(msgspec.to_builtins(poi), Poi)
     except msgspec.ValidationError as error:
-        raise InputError(f"The place {poi.name[:80]!r} is not usable ({error}): correct it.") from error
+        raise InputError(f"The place {poi.name[:80]!r} is not usable ({words_of(error)}): correct it.") from error
 
 
 def along_road(network: RoadNetwork, pois: Mapping[str, Poi], edge: Edge) -> Edge:

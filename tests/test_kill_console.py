@@ -59,7 +59,7 @@ def test_what_was_acknowledged_outlives_every_kill_and_nothing_is_half_there(
     ("spoil", "found"),
     [
         ("DELETE FROM device_events WHERE sequence = 1", "events"),
-        ("DELETE FROM graph_entries", "Draughtsman|history"),
+        ("DELETE FROM graph_entries", "ended by itself"),
         ("UPDATE graph_entries SET entry_json = replace(entry_json, 'Bar', 'Other')", "draft"),
         ("a half-written file", "half-written"), ("a map of nobody", "nobody tells of"),
         ("half an incident", "half incidents"),

@@ -94,12 +94,14 @@ def _import_graph(services: Services, who: str, data: bytes, name: str, confirm:
     found = imported(data, draft)
     token = _token_of(data, draft.version)
     changes = difference(draft, found.graph)
-    if confirm:
+    # No draft has the same version twice, so the token is also the key of its request: who heard no answer asks again.
+    if confirm and not model.was_made(who, confirm):
         if confirm != token:
             raise ConflictError(
                 "The draft was changed since the preview, or this is another file: look again at what would change."
             )
-        model.replace(found.graph, who, why=shown(name) or "a file", base_version=draft.version)
+        why = shown(name) or "a file"
+        model.replace(found.graph, who, why=why, base_version=draft.version, request=confirm)
     return {
         "applied": bool(confirm),
         "token": token,

@@ -63,7 +63,7 @@ def _view(services: Services, stored: StoredRecording) -> dict[str, Any]:
         "map": {
             "stage": built.stage,
             "percent": services.builds.percent(entry.offer.sha256),
-            "site": str((services.builds.folder / built.folder).resolve()) if built.folder else "",
+            "site": str((services.builds.folder / built.folder).resolve()) if built.stage == "built" else "",
             "reason": built.reason,
             "report": built.report,
         },

@@ -6,8 +6,9 @@
       NAME-1/           the first map of a recording;  NAME-2: the one that was built of it later; imported sites
       .building-…/      the one that is being built, with the recording unpacked
 
-A map is moved to its place in one step when it is complete. What was being built when the console ended is cleared away
-at its next start, and may be asked for again.
+A map is moved to its place in one step when it is complete, and its recording tells beforehand where that is: a console
+that is killed between the two finds the map at its next start. What was still being built is cleared away then, and may
+be asked for again.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from pathlib import Path
 
 from console.errors import BadRequestError, ConflictError
 from console.recordings import RESERVE_BYTES, BuiltMap, Recordings, StoredRecording, plain_name
-from navcore.errors import VbrError
+from navcore.errors import SiteError, VbrError
 from navcore.folder_swap import sync_tree
 from navcore.map_building import MapBuilding
 from navcore.recording_archive import unpack_recording
@@ -121,7 +122,10 @@ class MapBuilds:
                 return BuiltMap("failed", who, reason=_BROKEN_OFF)
             report = read_manifest(work / "site").report
             sync_tree(work / "site")
-            return BuiltMap("built", who, put_in_place(work / "site", self.folder, name).name, report=report)
+            target = free_place(self.folder, name)
+            self._recordings.note_map(offer.sha256, BuiltMap("building", who, target.name))
+            os.rename(work / "site", target)
+            return BuiltMap("built", who, target.name, report=report)
         finally:
             shutil.rmtree(work, ignore_errors=True)
 
@@ -134,12 +138,18 @@ class MapBuilds:
         for stored in self._recordings.all():
             if stored.entry.map.stage == "building":
                 with contextlib.suppress(VbrError):
-                    broken_off = BuiltMap("failed", stored.entry.map.by, reason=_BROKEN_OFF)
-                    self._recordings.note_map(stored.entry.offer.sha256, broken_off)
+                    self._recordings.note_map(stored.entry.offer.sha256, self._left_by(stored.entry.map))
+
+    def _left_by(self, killed: BuiltMap) -> BuiltMap:
+        """Return what a console that was killed has left of a map that it was building."""
+        if killed.folder:
+            # It is there whole, or it never came to its place.
+            with contextlib.suppress(SiteError):
+                report = read_manifest(self.folder / killed.folder).report
+                return BuiltMap("built", killed.by, killed.folder, report=report)
+        return BuiltMap("failed", killed.by, reason=_BROKEN_OFF)
 
 
-def put_in_place(site: Path, folder: Path, name: str) -> Path:
-    """Give a complete site the first name in a folder that is free, and return where it is. Raises OSError."""
-    target = next(free for n in itertools.count(1) if not (free := folder / f"{name}-{n}").exists())
-    os.rename(site, target)
-    return target
+def free_place(folder: Path, name: str) -> Path:
+    """Return where in a folder a site of this name can be put: no other is there."""
+    return next(free for n in itertools.count(1) if not (free := folder / f"{name}-{n}").exists())

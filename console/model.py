@@ -177,7 +177,7 @@ class SiteModel:
         for _ in range(_TRIES):
             # An edit of a long road takes seconds, in which nobody else should have to wait.
             before = self._graph
-            if self._was_made(who, request):
+            if self.was_made(who, request):
                 return before
             after = self._evaluated(edit, who, base_version, before)
             # Whoever looks at the draft next finds its network made.
@@ -187,12 +187,12 @@ class SiteModel:
                     self._refuse_conflict(edit, who, base_version, before)
                     return self._make("edit", who, difference(before, after), edit=edit, request=request)
         with self._lock:
-            if self._was_made(who, request):
+            if self.was_made(who, request):
                 return self._graph
             after = self._evaluated(edit, who, base_version, self._graph)
             return self._make("edit", who, difference(self._graph, after), edit=edit, request=request)
 
-    def _was_made(self, who: str, request: str) -> bool:
+    def was_made(self, who: str, request: str) -> bool:
         """Whether the change that a request with a key asks for was made before."""
         return request != "" and (who, request) in self._requests
 
@@ -200,18 +200,22 @@ class SiteModel:
         self._refuse_conflict(edit, who, base_version, graph)
         return evaluate(edit, graph, self._network_of(graph))
 
-    def replace(self, graph: PoiGraph, who: str, why: str = "", base_version: int | None = None) -> PoiGraph:
+    def replace(
+        self, graph: PoiGraph, who: str, why: str = "", base_version: int | None = None, request: str = ""
+    ) -> PoiGraph:
         """Put another graph in the draft's place, as one change that one undo takes back; return the new draft.
 
         A graph without roads lies on those that are there. Raises InputError where the graph breaks a law, and
         ConflictError where the draft is not the version ``base_version`` any more: that change would be lost.
         """
         with self._lock:
+            if self.was_made(who, request):
+                return self._graph
             if base_version not in (None, self._graph.version):
                 raise ConflictError("The draft was changed meanwhile: look again at what would change.")
             whole = graph if graph.roads else msgspec.structs.replace(graph, roads=self._graph.roads)
             validate(whole)
-            return self._make("import", who, difference(self._graph, whole), why=why)
+            return self._make("import", who, difference(self._graph, whole), why=why, request=request)
 
     def roll_back(self, version: int, who: str, base_version: int | None = None, request: str = "") -> PoiGraph:
         """Make the draft what it was in an earlier version, as one change that one undo takes back; return it.
@@ -222,7 +226,7 @@ class SiteModel:
         then = self.graph_at(version)
         self._network_of(then)
         with self._lock:
-            if self._was_made(who, request):
+            if self.was_made(who, request):
                 return self._graph
             self._refuse_other_draft(base_version)
             delta = difference(self._graph, then)
@@ -254,7 +258,7 @@ class SiteModel:
     ) -> PoiGraph:
         self._prepare_network(kind, source.get(who))
         with self._lock:
-            if self._was_made(who, request):
+            if self.was_made(who, request):
                 return self._graph
             if not source.get(who):
                 raise ConflictError(nothing)

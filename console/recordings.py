@@ -55,7 +55,7 @@ class BuiltMap(msgspec.Struct, frozen=True):
     by: str = ""
     """Who has asked for it."""
     folder: str = ""
-    """Name of its site's folder, where it is built."""
+    """Name of its site's folder; while it is still being built, where it is about to be put."""
     reason: str = ""
     """Why there is none."""
     report: dict[str, Any] = {}

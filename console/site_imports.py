@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import os
 import shutil
 import tempfile
 import threading
@@ -17,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from console.errors import ConflictError, NoRoomError
-from console.map_builds import put_in_place
+from console.map_builds import free_place
 from console.recordings import RESERVE_BYTES, plain_name
 from navcore.folder_swap import sync_path
 from navcore.site_archive import ArchiveManifest, unpack_site_archive
@@ -74,7 +75,8 @@ class SiteImports:
             # Within the site, so that both come to their place in one step.
             write_whole(site / _REQUEST_FILE, request.encode())
         name = f"{plain_name(manifest.name, 'site')}-{manifest.id[:8]}"
-        target = put_in_place(site, self.folder, name)
+        target = free_place(self.folder, name)
+        os.rename(site, target)
         sync_path(self.folder)
         return target.resolve(), manifest
 

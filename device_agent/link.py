@@ -75,8 +75,12 @@ class ConsoleLink:
         journal: EventJournal,
         clock: Clock,
         wait: Callable[[float], Awaitable[None]] = asyncio.sleep,
+        counted_s: Callable[[], float] | None = None,
     ) -> None:
-        """``wait`` lets the seconds between two attempts pass."""
+        """``wait`` lets the seconds between two attempts pass.
+
+        ``counted_s`` tells the time by which it is counted how often messages come; by default the event loop's.
+        """
         self._settings = settings
         self._device: LinkedDevice
         self._journal = journal
@@ -95,6 +99,7 @@ class ConsoleLink:
         self.open_walk: Callable[[], Path | None] = lambda: None
         """Tells which file of a walk is being written; set before the start."""
         self._loop = LinkLoop()
+        self._counted_s = counted_s or self._loop.time
         self._something_to_send = asyncio.Event()
         self._something_to_upload = asyncio.Event()
         self._sent_sequence = self._confirmed_sequence = 0
@@ -399,11 +404,11 @@ class ConsoleLink:
 
     # -------------------------------------------------------------------------------------------- receiving
     async def _receive_all(self, socket: ClientConnection) -> None:
-        allowances = Allowances(MESSAGES, Direction.DOWN, self._loop.time())
+        allowances = Allowances(MESSAGES, Direction.DOWN, self._counted_s())
         async for data in socket:
             try:
                 message = decode_from_console(_binary(data))
-                if not allowances.take(type(message), self._loop.time()):
+                if not allowances.take(type(message), self._counted_s()):
                     raise WireError(f"{type(message).__name__} comes too often: see who sends so many to this device.")
                 answer = await self._take(message)
             except WireError as error:

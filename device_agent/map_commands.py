@@ -60,7 +60,7 @@ def _add_settings(parser: argparse.ArgumentParser) -> None:
 
 # -------------------------------------------------------------------------------------------------- map build
 def _build(arguments: argparse.Namespace) -> int:
-    from device_agent.progress import stage_bar, stage_lines
+    from device_agent.progress import end_with_reader, stage_bar, stage_lines
     from device_agent.single_core import give_way, use_one_core
     from navcore.recording import open_recording
     from navcore.settings import Settings, parse_assignment
@@ -70,6 +70,7 @@ def _build(arguments: argparse.Namespace) -> int:
     use_one_core()
     if arguments.behind:
         give_way()
+        end_with_reader()
     settings = Settings().changed(dict(parse_assignment(text) for text in arguments.set))
     recording = open_recording(arguments.source)
     true_trajectory = _true_trajectory(recording)

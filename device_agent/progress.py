@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
+import select
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -43,6 +46,25 @@ def stage_lines() -> Iterator[Callable[[float, str], None]]:
             sys.stdout.flush()
 
     yield progress
+
+
+def end_with_reader() -> None:
+    """End this process as soon as the program that reads its stdout has ended, however long there is nothing to print.
+
+    Whoever starts that program anew would find an hour's work of nobody in the way of its own.
+    """
+    poller = select.poll()
+    try:
+        poller.register(sys.stdout.fileno(), 0)
+    except (OSError, ValueError):
+        # It prints into memory: whoever reads that is this process itself.
+        return
+
+    def watch() -> None:
+        if any(event & select.POLLERR for _, event in poller.poll()):
+            os._exit(1)
+
+    threading.Thread(target=watch, name="reader", daemon=True).start()
 
 
 def _bar() -> Progress:

@@ -11,17 +11,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import hypothesis
-import numpy as np
 import pytest
 
+from benchmarks.kills.sites import small_site as made_small_site
 from device_agent.cli import main
 from device_agent.simulation.building import Building, renderer_of
 from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.walk_recording import record_walk
-from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.site import Site, save_site
-from navcore.types import CameraIntrinsics
 
 if TYPE_CHECKING:
     from console_room import Person
@@ -86,31 +84,6 @@ def _recording(name: str) -> Path:
 def small_site() -> Site:
     """A site of a few points: its form is real, its map is not usable for localization."""
     return made_small_site()
-
-
-def made_small_site() -> Site:
-    """Return the same, for what is shared by the tests of a file."""
-    rng = np.random.default_rng(3)
-    road = np.stack([np.linspace(0.0, 6.0, 61), np.zeros(61), np.full(61, 1.6)], axis=1)
-    graph = PoiGraph(
-        version=1,
-        pois={"a": Poi("a", "Hall", "hall", 0.0, 0.0), "b": Poi("b", "Bar", "bar", 6.0, 0.0)},
-        edges={"a-b": Edge("a-b", "a", "b", ((0.0, 0.0), (6.0, 0.0)), 6.0)},
-    )
-    return Site(
-        site_id="small",
-        name="Small site",
-        intrinsics=CameraIntrinsics(320, 240, 230.0, 230.0, 160.0, 120.0),
-        map_arrays={
-            "keyframe_poses": np.tile(np.eye(4), (2, 1, 1)),
-            "descriptors": rng.integers(0, 256, (5, 32), np.uint8),
-        },
-        roads_m=(road,),
-        cloud_points_m=rng.normal(size=(50, 3)).astype(np.float32),
-        cloud_colours_rgb=rng.integers(0, 256, (50, 3)).astype(np.uint8),
-        poi_graph=graph,
-        report={"keyframes": 2},
-    )
 
 
 @pytest.fixture(scope="session")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.exceptions import ConnectionClosedError
+from websockets.exceptions import ConnectionClosed, ConnectionClosedError
 
 from navcore.wire import (
     PROTOCOL_VERSION,
@@ -66,6 +67,18 @@ class Console:
         async def send() -> None:
             for socket in list(self._sockets):
                 await socket.send(data)
+
+        self._do(send())
+
+    def flood(self, messages: Iterable[ConsoleMessage]) -> None:
+        """Send on one connection, until the device ends it."""
+        self.wait_for(lambda: bool(self._sockets))
+        (socket,) = self._sockets
+
+        async def send() -> None:
+            with contextlib.suppress(ConnectionClosed):
+                for message in messages:
+                    await socket.send(encode(message))
 
         self._do(send())
 

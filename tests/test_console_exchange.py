@@ -160,6 +160,18 @@ def test_a_file_of_another_program_adds_and_says_what_it_could_not_use(editor: P
     assert [poi["name"] for poi in editor.graph()["pois"]] == ["Hall", "Bar", "Lift"]
 
 
+def test_who_heard_no_answer_asks_again_and_the_graph_is_imported_once(editor: Person, admin: Person) -> None:
+    data = json.dumps(FOREIGN).encode()
+    token = import_graph(editor, data).json()["token"]
+    once = import_graph(editor, data, confirm=token).raise_for_status().json()
+    again = import_graph(editor, data, confirm=token).raise_for_status().json()
+    assert once["applied"]
+    assert again["applied"]
+    assert again["draft_version"] == once["draft_version"] == editor.graph()["version"]
+    assert [poi["name"] for poi in editor.graph()["pois"]] == ["Hall", "Bar", "Lift"]
+    assert import_graph(admin, data, confirm=token).status_code == 409, "the preview was somebody else's"
+
+
 def test_what_was_changed_since_the_preview_is_not_lost(editor: Person, admin: Person) -> None:
     data = json.dumps(FOREIGN).encode()
     token = import_graph(editor, data).json()["token"]

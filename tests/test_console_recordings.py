@@ -21,7 +21,7 @@ from device_agent.simulation.sensors import head_camera
 from navcore.live_recording import LiveRecording
 from navcore.recording_archive import RecordingArchive
 from navcore.recording_upload import MAX_RECORDING_BYTES, OFFERS_PATH, RecordingHeld, RecordingOffer, piece_path
-from navcore.site import load_site, map_checksum
+from navcore.site import Site, load_site, map_checksum, save_site
 
 DATA = bytes(range(256)) * 40
 SHA256 = hashlib.sha256(DATA).hexdigest()
@@ -302,6 +302,21 @@ def test_what_was_being_built_when_the_console_was_killed_is_cleared_away_and_ca
     assert "build it again" in built.reason
     assert list((tmp_path / "maps").iterdir()) == []
     builds.close()
+
+
+def test_a_map_that_had_come_to_its_place_when_the_console_was_killed_is_told_of(
+    tmp_path: Path, small_site: Site
+) -> None:
+    recordings = Recordings(tmp_path / "recordings", lambda: 0.0)
+    sha256 = store(recordings, DATA)
+    for folder, stage in (("walk-0001-1", "built"), ("walk-0001-2", "failed")):
+        if stage == "built":
+            save_site(small_site, tmp_path / "maps" / folder)
+        recordings.note_map(sha256, BuiltMap("building", "Ada", folder))
+        MapBuilds(recordings, tmp_path / "maps").close()
+        built = recordings.named(sha256).entry.map
+        assert (built.stage, built.by) == (stage, "Ada")
+        assert (built.folder, built.report) == ((folder, small_site.report) if stage == "built" else ("", {}))
 
 
 def test_a_caregiver_has_a_map_built_by_the_page(

@@ -13,7 +13,6 @@ from typing import Any
 
 import msgspec
 import pytest
-from conftest import made_small_site
 from console_room import (
     DEFAULTS,
     PICTURE,
@@ -30,6 +29,7 @@ from test_fuzzed_wire import _declared
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
+from benchmarks.kills.sites import small_site
 from console.alerts.message_ring import MAX_RING_BYTES
 from console.device_store import MAX_DEVICES_OF_TOKEN_COUNT
 from console.server import ConsoleServer
@@ -98,7 +98,7 @@ def _rule_of(picture: dict[str, Any], device_id: str) -> str:
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Room]:
     folder: Path = tmp_path_factory.mktemp("hostile")
-    save_site(made_small_site(), folder / "site")
+    save_site(small_site(), folder / "site")
     with serving(folder / "site", folder / "data") as server:
         yield Room(server)
 

@@ -1,4 +1,4 @@
-"""Kill -9 of the console at moments that a seed chooses, while five clients work with it (benchmarks/kills/console.py).
+"""Kill -9 of the console at moments that a seed chooses, while seven clients work with it (benchmarks/kills).
 
 Here are few of these kills; ``python -m benchmarks.kills --kills 1000`` does as many as wanted.
 """
@@ -6,17 +6,22 @@ Here are few of these kills; ``python -m benchmarks.kills --kills 1000`` does as
 from __future__ import annotations
 
 import random
+import shutil
 import sqlite3
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 from console_room import Person, first_admin
-from link_processes import quick_folder
+from link_processes import quick_folder, surroundings
 
 from benchmarks.kills.console import KilledConsole
-from benchmarks.kills.nursery import BrokenPromiseError, Nursery
+from benchmarks.kills.nursery import ROOT, WAIT_S, BrokenPromiseError, Nursery
+from benchmarks.kills.sites import MAP_WALK_NAME
 from console.alerts.alert_store import AlertRecord
 from console.alerts.rules import Priority
 from console.edits import AddPoi
@@ -51,26 +56,50 @@ def test_what_was_acknowledged_outlives_every_kill_and_nothing_is_half_there(
 
 
 @pytest.mark.parametrize(
-    "spoil",
+    ("spoil", "found"),
     [
-        "DELETE FROM device_events WHERE sequence = 1", "DELETE FROM graph_entries",
-        "UPDATE graph_entries SET entry_json = replace(entry_json, 'Bar', 'Other')", "",
+        ("DELETE FROM device_events WHERE sequence = 1", "events"),
+        ("DELETE FROM graph_entries", "ended by itself"),
+        ("UPDATE graph_entries SET entry_json = replace(entry_json, 'Bar', 'Other')", "draft"),
+        ("a half-written file", "half-written"), ("a map of nobody", "nobody tells of"),
+        ("half an incident", "half incidents"),
     ],
 )  # fmt: skip
-def test_what_was_lost_is_found(spoil: str, nursery: Nursery, tmp_path: Path) -> None:
+def test_what_was_lost_is_found(spoil: str, found: str, nursery: Nursery, tmp_path: Path) -> None:
     with quick_folder(tmp_path) as folder:
         console = KilledConsole(folder, 3, nursery)
         try:
             console.close()
-            with sqlite3.connect(console.data / "console.sqlite3") as base:
-                base.execute(spoil)
-            base.close()
-            if not spoil:
-                (console.site / ".graph.json-abcdefgh.half~").touch()
-            with pytest.raises(BrokenPromiseError):
+            _spoil(console, spoil)
+            with pytest.raises(BrokenPromiseError, match=found):
                 console.start_and_check()
         finally:
             console.close()
+
+
+def _spoil(console: KilledConsole, how: str) -> None:
+    match how:
+        case "a half-written file":
+            (console.site / ".graph.json-abcdefgh.half~").touch()
+        case "a map of nobody":
+            shutil.copytree(console.site, console.data / "maps" / f"{MAP_WALK_NAME}-1")
+        case "half an incident":
+            (console.data / "incidents" / "begun").mkdir(parents=True)
+        case _:
+            with closing(sqlite3.connect(console.data / "console.sqlite3")) as base, base:
+                base.execute(how)
+
+
+def test_who_works_for_a_program_that_was_killed_ends_with_it_though_it_says_nothing() -> None:
+    script = "from device_agent.progress import end_with_reader; end_with_reader(); print('!', flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT, env=surroundings()
+    ) as worker:
+        assert worker.stdout is not None
+        assert worker.stdout.readline() == b"!\n"
+        assert worker.poll() is None
+        worker.stdout.close()
+        assert worker.wait(WAIT_S) == 1
 
 
 def test_the_same_request_again_is_done_once(server: ConsoleServer) -> None:

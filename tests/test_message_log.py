@@ -14,6 +14,7 @@ from link_processes import Victim
 from message_strategies import messages
 from test_alerts_engine import Room
 
+from console.alerts.incidents import Cause
 from console.message_log import MAGIC, MessageLogError, MessageLogWriter, TimedMessage, WireRecord, read_messages
 from navcore.errors import InputError, WireError
 from navcore.wire import Event, WalkerState, encode
@@ -96,6 +97,24 @@ def test_a_log_is_bounded_and_says_so(tmp_path: Path) -> None:
         count = log.message_count
     assert (tmp_path / "log").stat().st_size <= 5000
     assert len(list(read_messages(tmp_path / "log"))) == count > 5
+
+
+def test_an_incident_that_a_kill_left_begun_or_half_deleted_goes_at_the_next_start(tmp_path: Path) -> None:
+    room = Room(tmp_path)
+    for name in ("begun", "half-deleted", "kept"):
+        room.call(name)
+    begun, half, kept = (
+        room.incidents.folder / room.incidents.keep(name, Cause(0.0, "asked", ""))
+        for name in ("begun", "half-deleted", "kept")
+    )
+    room.incidents.close()
+    (begun / "manifest.json").unlink()
+    (half / "messages.vbrlog").unlink()
+    of_somebody_else = room.incidents.folder / "lost+found"
+    of_somebody_else.mkdir()
+    room.restart()
+    assert {path.name for path in room.incidents.folder.iterdir()} == {kept.name, of_somebody_else.name}
+    assert [incident.incident_id for incident in room.incidents.all()] == [kept.name]
 
 
 def test_who_is_killed_while_an_incident_is_kept_leaves_all_that_was_written(tmp_path: Path) -> None:

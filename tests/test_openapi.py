@@ -17,7 +17,6 @@ import httpx
 import hypothesis
 import pytest
 import schemathesis
-from conftest import made_small_site
 from console_room import DEFAULTS, PICTURE, DialledDevice, Person, first_admin, hello_of, serving, until
 from fastapi.routing import APIRoute
 from schemathesis import GenerationMode
@@ -28,6 +27,7 @@ from schemathesis.specs.openapi.checks import (
     status_code_conformance,
 )
 
+from benchmarks.kills.sites import small_site
 from console.server import ConsoleServer
 from navcore.site import save_site
 from navcore.wire import DepthImage, SettingsRunning, WalkerState, Welcome
@@ -81,7 +81,7 @@ class Asked:
 @pytest.fixture(scope="module")
 def asked(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Asked]:
     folder: Path = tmp_path_factory.mktemp("openapi")
-    save_site(made_small_site(), folder / "site")
+    save_site(small_site(), folder / "site")
     with serving(folder / "site", folder / "data") as server:
         token = server.services.devices.create_token("Glasses", "test")
         device = DialledDevice(server.ready.url, token, hello_of(server))

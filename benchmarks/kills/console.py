@@ -1,6 +1,6 @@
 """A console that is killed while people and devices work with it, and what must hold after each kill.
 
-Five clients work at the same time, each over real HTTP (or a device's WebSocket), each with one request on its way:
+Seven clients work at the same time, each over real HTTP (or a device's WebSocket), each with one request on its way:
 what was acknowledged must be there after the kill; what was on its way must be there whole, or not at all; and asked
 again, it must be there once. The seed decides on every request, and on the moment of the kill.
 """
@@ -23,34 +23,20 @@ from urllib.parse import parse_qs, urlsplit
 
 import httpx
 from websockets.exceptions import ConnectionClosed, InvalidHandshake
-from websockets.sync.client import ClientConnection, connect
 
+from benchmarks.kills.glasses import Glasses
+from benchmarks.kills.keeper import Keeper
 from benchmarks.kills.nursery import BrokenPromiseError, Nursery, Victim, must, say
-from benchmarks.kills.sites import small_site
+from benchmarks.kills.sites import MAP_WALK_NAME, small_site
+from benchmarks.kills.surveyor import Surveyor
 from console.alerts.alert_store import AlertRecord, AlertStore
 from console.alerts.rules import Priority
 from console.config import ConsoleConfig
 from console.server import ConsoleServer, Ready
 from console.store import DATABASE_FILE, Store
 from navcore.recording_upload import OFFERS_PATH, piece_path
-from navcore.settings import Settings
 from navcore.site import load_poi_graph, load_site, map_checksum, save_site
 from navcore.site_archive import write_site_archive
-from navcore.wire import (
-    PROTOCOL_VERSION,
-    ApplySettings,
-    ConsoleMessage,
-    DeviceMessage,
-    Event,
-    EventConfirmed,
-    Hello,
-    Ping,
-    Pong,
-    SettingsRunning,
-    Welcome,
-    decode_from_console,
-    encode,
-)
 
 PASSWORD = "seven quiet corridors"
 LIFE_S = 20.0
@@ -59,9 +45,8 @@ LONGEST_DELAY_S = 0.03
 _ALERTS_COUNT = 24
 _OLD_SHARE = _KILLED_AGAIN_SHARE = 0.25
 _LONGEST_START_S = 1.0
-_TUNED, _TUNED_RANGE = "planning.replan_hold_s", (0.5, 30.0)
-"""A setting that nobody's safety hangs on."""
-_VALUES = {_TUNED: 5.0}
+_LONGEST_COMING_S = 0.01
+_VALUES = {"planning.replan_hold_s": 5.0}
 _DAY_S = 86_400.0
 _GONE = (httpx.TransportError, ConnectionClosed, InvalidHandshake, ConnectionError, EOFError)
 
@@ -157,6 +142,8 @@ class Draughtsman(Client):
         self.history: dict[int, str] = {}
         self.published: set[int] = set()
         self._contents: tuple[int, Any] | None = None
+        self._imported: tuple[int, set[str]] | None = None
+        """Version that an import makes, and the places that it brings."""
 
     def see(self) -> tuple[int, int, int]:
         """Return the draft's version, the published one, and how many names there are; look at all the rest as well."""
@@ -181,6 +168,9 @@ class Draughtsman(Client):
         seen = _contents_of(graph)
         if self._contents is not None and self._contents[0] == graph["version"]:
             must(seen == self._contents, "the draft is not what was acknowledged:", seen, self._contents)
+        if self._imported is not None and self._imported[0] == graph["version"]:
+            left_out = self._imported[1] - {poi["name"] for poi in graph["pois"]}
+            must(not left_out, "an import is half there, these are missing:", left_out)
         self._contents = seen
 
     def check(self) -> None:
@@ -193,8 +183,9 @@ class Draughtsman(Client):
         """Return one of all that can be done to a draft."""
         version = self.acknowledged[0]
         key = {"Idempotency-Key": f"{self.dice.getrandbits(96):024x}"}
-        kinds = ["edit"] * 8 + ["undo"] * 2 + ["redo", "publish", "publish", "roll-back", "name"]
+        kinds = ["edit"] * 8 + ["undo"] * 2 + ["import"] * 2 + ["redo", "publish", "publish", "roll-back", "name"]
         kind = self.dice.choice(kinds)
+        self._imported = None
         if kind in ("undo", "redo"):
             return self._stepping(lambda: self.http.post(f"/api/{kind}", headers=key), kind, version)
         if kind == "roll-back" and version > 1:
@@ -211,6 +202,8 @@ class Draughtsman(Client):
             return Request(
                 lambda: self.http.post("/api/versions", json=body), lambda seen: (seen[0], seen[1], seen[2] + 1), "name"
             )
+        if kind == "import":
+            return self._import(version)
         edit = self._edit()
         path = f"/api/edits?base_version={version}"
         return self._stepping(lambda: self.http.post(path, json=edit, headers=key), str(edit), version)
@@ -230,6 +223,32 @@ class Draughtsman(Client):
 
         request = Request(sent, lambda seen: (version + 1, seen[1], seen[2]), words)
         return request
+
+    def _import(self, version: int) -> Request:
+        """Bring places in with a file; asked again with the same preview, it is done once."""
+        names = {f"Imported {self.dice.getrandbits(32)}" for _ in range(self.dice.randrange(1, 4))}
+        features = [
+            {
+                "geometry": {"type": "Point", "coordinates": [round(self.dice.uniform(0.0, 6.0), 3), 0.0]},
+                "properties": {"name": name, "kind": "room"},
+            }
+            for name in sorted(names)
+        ]
+        data = json.dumps({"type": "FeatureCollection", "features": features}).encode()
+        preview = self.http.post("/api/import/graph", content=data).raise_for_status().json()
+        if preview["unused"]:
+            names = set()
+        self._imported = version + 1, names
+
+        def send() -> httpx.Response:
+            answer = self.http.post("/api/import/graph", content=data, params={"confirm": preview["token"]})
+            if answer.status_code < 300:
+                must(answer.json()["draft_version"] == version + 1, "an import made", answer.text, "of", version)
+            else:
+                must(answer.status_code == 400, "an import is refused:", answer.status_code, answer.text)
+            return answer
+
+        return Request(send, lambda seen: (version + 1, seen[1], seen[2]), f"import of {sorted(names)}")
 
     def _edit(self) -> dict[str, Any]:
         pois, edges = ([each["id"] for each in self.graph[name]] for name in ("pois", "edges"))
@@ -274,10 +293,10 @@ class Clerk(Client):
         users = self.http.get("/api/users").raise_for_status().json()["users"]
         tokens = self.http.get("/api/tokens").raise_for_status().json()["tokens"]
         presets = self.http.get("/api/settings/presets").raise_for_status().json()["presets"]
-        sites = sorted(path.name for path in self._maps.glob("*")) if self._maps.is_dir() else []
-        for name in sites:
-            must(not name.startswith("."), "a leftover of an import:", name)
-            load_site(self._maps / name)
+        # What is hidden is still coming in; the maps among them are the surveyor's.
+        sites = [path for path in self._maps.glob("*") if not path.name.startswith((".", MAP_WALK_NAME))]
+        for site in sites:
+            load_site(site)
         self.ids = {each["name"]: each["id"] for each in users}
         return {
             "users": {each["name"]: (each["role"], each["disabled"]) for each in users if each["name"] != "Ada"},
@@ -472,92 +491,16 @@ class Sender:
         each.acknowledged_bytes, each.complete = held["next_byte"], held["complete"]
 
 
-class Glasses:
-    """A device on its link: its events are confirmed once they are stored; it takes settings, and tells so."""
-
-    def __init__(self, http: httpx.Client, dice: random.Random, token: str, checksum: str, data: Path) -> None:
-        self.http, self.dice, self._token, self._checksum, self._data = http, dice, token, checksum, data
-        self.confirmed = self.sent = 0
-        self.revision = 0
-        self.values = dict(Settings().values())
-        self.asked: dict[int, float] = {}
-        self._socket: ClientConnection | None = None
-        self.done_count = 0
-        self.pending_revision = False
-
-    def check(self) -> None:
-        """Connect anew: everything that was confirmed is there, in order, once; and every revision of the settings."""
-        url = str(self.http.base_url).rstrip("/").replace("http", "ws") + "/device"
-        self._socket = connect(url, additional_headers={"Authorization": f"Bearer {self._token}"}, proxy=None)
-        hello = Hello(PROTOCOL_VERSION, "glasses", "0.1.0", "small", self._checksum, 0, self.revision, time.monotonic())
-        self._send(hello)
-        self._send(SettingsRunning(self.revision, self.values))
-        welcome = self._until(Welcome)
-        must(welcome.last_event_sequence >= self.confirmed, "events were lost:", welcome, self.confirmed)
-        self.confirmed = welcome.last_event_sequence
-        with closing(sqlite3.connect(f"file:{self._data / DATABASE_FILE}?mode=ro", uri=True)) as base:
-            stored = base.execute("SELECT sequence, text FROM device_events ORDER BY id").fetchall()
-        wanted = [(number, f"event {number}") for number in range(1, self.confirmed + 1)]
-        must(stored == wanted, "events are missing, doubled or out of order:", stored[-3:], wanted[-3:])
-        self.sent = self.confirmed
-        self._event()
-        self._check_revisions()
-
-    def turn(self) -> None:
-        """Tell of an event, or have settings changed."""
-        if self.dice.random() < 0.25:
-            self._change_settings()
-        else:
-            self._event()
-        self.done_count += 1
-
-    def _check_revisions(self) -> None:
-        told = self.http.get("/api/devices/glasses/settings").raise_for_status().json()["revisions"]
-        found = {each["revision"]: each["values"].get(_TUNED) for each in told}
-        for number in [each for each in sorted(self.asked)[-10:] if each not in found]:
-            must(False, "a revision of the settings is gone:", number, found)
-        for number, value in found.items():
-            must(self.asked.setdefault(number, value) == value, "a revision was changed:", number, value, self.asked)
-
-    def _change_settings(self) -> None:
-        value = round(self.dice.uniform(*_TUNED_RANGE), 2)
-        answer = self.http.patch("/api/devices/glasses/settings", json={"changes": {_TUNED: value}})
-        if answer.status_code == 202:
-            order = self._until(ApplySettings)
-            # What was left open by the kill is ordered again at the joining, before this.
-            self.asked[order.revision] = float(order.values.get(_TUNED, self.values[_TUNED]))
-            self.revision, self.values = order.revision, self.values | dict(order.values)
-            self._send(SettingsRunning(self.revision, self.values))
-        else:
-            must(answer.status_code < 500, "settings:", answer.status_code, answer.text)
-
-    def _event(self) -> None:
-        self.sent += 1
-        self._send(Event(self.sent, 1.0, "cue", f"event {self.sent}"))
-        must(self._until(EventConfirmed).sequence == self.sent, "another event was confirmed:", self.sent)
-        self.confirmed = self.sent
-
-    def _send(self, message: DeviceMessage) -> None:
-        assert self._socket is not None
-        self._socket.send(encode(message))
-
-    def _until(self, kind: type[Any]) -> Any:
-        assert self._socket is not None
-        while True:
-            message: ConsoleMessage = decode_from_console(bytes(self._socket.recv(timeout=LIFE_S)))  # type: ignore[arg-type]
-            if isinstance(message, Ping):
-                self._send(Pong(message.console_sent_s, time.monotonic(), time.monotonic()))
-            if isinstance(message, kind):
-                return message
-
-
 class KilledConsole:
     """A console on a folder, its clients, and one life of it after the other."""
 
-    def __init__(self, folder: Path, seed: int, nursery: Nursery) -> None:
-        """Make a site, and start a first console in ``folder``, which must be empty."""
+    def __init__(self, folder: Path, seed: int, nursery: Nursery, maps_share: float = 0.0) -> None:
+        """Make a site, and start a first console in ``folder``, which must be empty.
+
+        ``maps_share`` of the kills wait, some seconds each, until a map has been built.
+        """
         self.dice = random.Random(seed)
-        self._folder, self._nursery = folder, nursery
+        self._folder, self._nursery, self._maps_share = folder, nursery, maps_share
         self.site, self.data = folder / "site", folder / "data"
         save_site(small_site(), self.site)
         archive = io.BytesIO()
@@ -583,18 +526,29 @@ class KilledConsole:
             return random.Random(self.dice.getrandbits(64))
 
         self._sender = Sender(device, dice(), self.data / "recordings")
+        self._surveyor = Surveyor(people, device, dice(), self.data)
+        glasses = Glasses(people, dice(), secret, map_checksum(self.site), self.data)
         self.clients = (
             Draughtsman(people, dice(), self.site),
             Clerk(people, dice(), self.data / "maps", archive.getvalue()),
             Watchman(people, dice()),
             self._sender,
-            Glasses(people, dice(), secret, map_checksum(self.site), self.data),
+            glasses,
+            self._surveyor,
+            Keeper(people, dice(), self.data / "incidents", lambda: glasses.confirmed),
         )
-        self._check_all()
+        try:
+            self._check_all()
+        except BaseException:
+            self.close()
+            raise
 
     def kill_once(self) -> None:
         """Let all work, kill the console somewhere, start it again, and look whether everything is there."""
-        self._work_until_killed()
+        if self.dice.random() < self._maps_share:
+            self._kill_while_a_map_comes()
+        else:
+            self._work_until_killed()
         self.kill_count += 1
         with closing(sqlite3.connect(self.data / DATABASE_FILE)) as base:
             must(base.execute("PRAGMA integrity_check").fetchall() == [("ok",)], "the database is damaged")
@@ -603,6 +557,13 @@ class KilledConsole:
         if self.dice.random() < _KILLED_AGAIN_SHARE:
             self._kill_while_it_starts()
         self.start_and_check()
+
+    def _kill_while_a_map_comes(self) -> None:
+        """Where it is moved to its place: a moment that no other kill would meet, for a map takes seconds."""
+        self._surveyor.wait_until_a_map_comes()
+        time.sleep(self.dice.uniform(0.0, _LONGEST_COMING_S))
+        assert self._victim is not None
+        self._victim.kill()
 
     def _kill_while_it_starts(self) -> None:
         """Where it clears up, closes what was cut off, and deletes what is too old."""
@@ -641,7 +602,7 @@ class KilledConsole:
         done = threading.Semaphore(0)
         failures: list[BaseException] = []
 
-        def work(client: Client | Sender | Glasses) -> None:
+        def work(client: Client | Sender | Glasses | Surveyor | Keeper) -> None:
             try:
                 while True:
                     client.turn()

@@ -7,7 +7,8 @@
       messages.vbrlog   the messages (console.message_log)
 
 The messages are written as they come, so whoever kills the console finds what there was until then: what was being
-written is closed as cut off when the console starts again. What is kept has no picture in colours.
+written is closed as cut off when the console starts again, and what was only begun, or half deleted, goes then. What is
+kept has no picture in colours.
 """
 
 from __future__ import annotations
@@ -115,6 +116,7 @@ class Incidents:
         self._keeping: dict[str, _Keeping] = {}
         for each in _folders(folder):
             clear_half_written(each)
+            _delete_half(each)
         for path in folder.glob(f"*/{MANIFEST_FILE}"):
             self._close_cut_off(path)
 
@@ -172,8 +174,7 @@ class Incidents:
 
     def named(self, incident_id: str) -> Incident:
         """Return an incident. Raises NotFoundError."""
-        is_name = re.fullmatch(r"[0-9a-f]{16}", incident_id) is not None
-        found = _read(self.folder / incident_id / MANIFEST_FILE) if is_name else None
+        found = _read(self.folder / incident_id / MANIFEST_FILE) if _is_id(incident_id) else None
         if found is None:
             raise NotFoundError("There is no such incident: it may have been deleted.")
         return found
@@ -293,9 +294,7 @@ class Incidents:
         if incident is None or incident.state != "keeping":
             return
         log = manifest.parent / MESSAGES_FILE
-        count, size_bytes, ends_at_s = 0, 0, manifest.stat().st_mtime
-        if log.exists():
-            count, size_bytes, ends_at_s = _readable_count(log), log.stat().st_size, log.stat().st_mtime
+        count, size_bytes, ends_at_s = _readable_count(log), log.stat().st_size, log.stat().st_mtime
         self._write_manifest(
             msgspec.structs.replace(
                 incident, state="cut_off", ends_at_s=ends_at_s, message_count=count, size_bytes=size_bytes
@@ -308,6 +307,10 @@ def _versions(device: LiveDevice) -> Versions:
         device.hello.software_version, PROTOCOL_VERSION, device.map_checksum, device.graph_version,
         device.settings_revision,
     )  # fmt: skip
+
+
+def _is_id(name: str) -> bool:
+    return re.fullmatch(r"[0-9a-f]{16}", name) is not None
 
 
 def _folders(folder: Path) -> list[Path]:
@@ -329,6 +332,20 @@ def _delete(folder: Path) -> None:
         path.unlink()
     manifest.unlink(missing_ok=True)
     folder.rmdir()
+
+
+def _delete_half(folder: Path) -> None:
+    """Delete what a console that was killed had only begun to keep, or had begun to delete: one of its files is gone.
+
+    Nobody was told that it is kept, or somebody wanted it gone; and it tells of a walker.
+    """
+    is_whole = (folder / MANIFEST_FILE).exists() and (folder / MESSAGES_FILE).exists()
+    if is_whole or not _is_id(folder.name):
+        return
+    try:
+        _delete(folder)
+    except OSError as error:
+        _log.error("%s is half an incident, and cannot be deleted: %s", folder, error)
 
 
 def _readable_count(log: Path) -> int:

@@ -329,8 +329,9 @@ def _incident_log(data: bytes, folder: Path) -> None:
     (manifest,) = seeds.incidents()
     (folder / seeds.INCIDENT_ID).mkdir()
     _file(manifest, folder / seeds.INCIDENT_ID, "manifest.json")
+    log = _file(data, folder / seeds.INCIDENT_ID, "messages.vbrlog")
     (incident,) = Incidents(folder, DeviceHub()).all()
-    incident_timeline(incident, read_messages(_file(data, folder, "messages.vbrlog"))).marks()
+    incident_timeline(incident, read_messages(log)).marks()
 
 
 @_target("binary", seeds.message_logs)
@@ -348,6 +349,7 @@ def _incident_messages(data: bytes, folder: Path) -> None:
 def _incident_manifest(data: bytes, folder: Path) -> None:
     (folder / seeds.INCIDENT_ID).mkdir()
     _file(data, folder / seeds.INCIDENT_ID, "manifest.json")
+    _file(b"", folder / seeds.INCIDENT_ID, "messages.vbrlog")
     incidents = Incidents(folder, DeviceHub())
     for incident in incidents.all():
         assert incident == incidents.named(seeds.INCIDENT_ID)

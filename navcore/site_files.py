@@ -157,12 +157,9 @@ def write_whole(path: Path, data: bytes) -> None:
 
     What a crash leaves half-written goes with :func:`clear_half_written`.
     """
-    handle, name = tempfile.mkstemp(_HALF_WRITTEN, f".{path.name}-", path.parent)
+    handle, name = _held_file(path)
     try:
         with os.fdopen(handle, "wb") as out:
-            # Held by the living: whoever clears up sees that this one is not left behind. Not every disk knows locks.
-            with contextlib.suppress(OSError):
-                fcntl.flock(out, fcntl.LOCK_SH | fcntl.LOCK_NB)
             out.write(data)
             out.flush()
             os.fsync(out.fileno())
@@ -173,6 +170,18 @@ def write_whole(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             os.unlink(name)
         raise
+
+
+def _held_file(path: Path) -> tuple[int, str]:
+    """Return a new file beside another, held by the living: whoever clears up sees that it is not left behind."""
+    while True:
+        handle, name = tempfile.mkstemp(_HALF_WRITTEN, f".{path.name}-", path.parent)
+        # Not every disk knows locks. Where this one waits, somebody who clears up was faster, and takes the file away.
+        with contextlib.suppress(OSError):
+            fcntl.flock(handle, fcntl.LOCK_SH)
+        if os.path.exists(name):
+            return handle, name
+        os.close(handle)
 
 
 def clear_half_written(folder: Path) -> None:

@@ -1,5 +1,5 @@
 import { get, patch, post } from "./api.js";
-import { $, ago, badge, el, setText } from "./dom.js";
+import { $, ago, badge, el, setText, tableRow } from "./dom.js";
 import { sure } from "./form.js";
 import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
@@ -31,7 +31,7 @@ async function showAudit({ older = false } = {}) {
 }
 
 function deedRow({ at_s, who, action, detail }) {
-  return el("tr", {}, el("td", { class: "when" }, new Date(at_s * 1000).toLocaleString()), el("td", {}, who),
+  return tableRow(el("td", { class: "when" }, new Date(at_s * 1000).toLocaleString()), el("td", {}, who),
     el("td", {}, action.replaceAll("_", " "), el("span", { class: "narrow-only small quiet" }, detail)), el("td", { class: "quiet small wide" }, detail));
 }
 
@@ -45,7 +45,7 @@ function personRow(user) {
   let state = badge("good", "●", "active");
   if (user.disabled) state = badge("bad", "✕", "locked");
   else if (!user.has_password) state = badge("info", "…", "invited");
-  return el("tr", {}, el("th", { scope: "row" }, user.name), el("td", {}, role), el("td", {}, state), el("td", { class: "actions" },
+  return tableRow(el("th", { scope: "row" }, user.name), el("td", {}, role), el("td", {}, state), el("td", { class: "actions" },
     el("button", { type: "button", class: "plain slim", "aria-label": `New password link for ${user.name}`, onclick: () => newLink(user) }, "Password link"),
     el("button", { type: "button", class: `plain slim ${user.disabled ? "" : "danger"}`, "aria-label": `${user.disabled ? "Unlock" : "Lock"} ${user.name}`, onclick: () => lock(user) }, user.disabled ? "Unlock" : "Lock")));
 }
@@ -66,7 +66,7 @@ function tokenRow(token) {
   const seen = token.connected ? "connected now" : token.last_seen_at_s ? ago(Date.now() / 1000 - token.last_seen_at_s) : "never";
   const state = token.revoked ? badge("bad", "✕", "revoked") : badge("good", "●", "valid");
   const revoke = el("button", { type: "button", class: "plain danger slim", "aria-label": `Revoke the token of ${token.name}`, onclick: () => revokeToken(token) }, "Revoke");
-  return el("tr", {}, el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),
+  return tableRow(el("th", { scope: "row" }, token.name), el("td", { class: "wide" }, token.created_by), el("td", {}, seen), el("td", {}, state),
     el("td", { class: "actions" }, token.revoked ? "" : revoke));
 }
 

@@ -32,6 +32,12 @@ export function onChange(draw) {
   };
 }
 
+/** A row of a table whose rows become cards on a phone: laid out so, table, rows and cells are such only where they say it. */
+export function tableRow(...cells) {
+  for (const cell of cells) cell.setAttribute("role", cell.tagName === "TH" ? "rowheader" : "cell");
+  return el("tr", { role: "row" }, ...cells);
+}
+
 const PATHS = {
   walk: "M12 21V4 M5.5 10.5 12 4l6.5 6.5",
   left: "M20 20v-7a5 5 0 0 0-5-5H4 M9.5 2.5 4 8l5.5 5.5",

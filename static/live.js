@@ -248,9 +248,9 @@ export const FRESHNESS = {
   lost: { kind: "bad", mark: "✕", text: "LOST" },
 };
 
-/** The words of a badge: how fresh, and how old where it is not live. */
+/** The words of a badge: how fresh, and how old where it is not live and that says more than "now". */
 function freshnessWords(fresh, age_s) {
-  return fresh === "live" || fresh === "not_told" || age_s === null ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
+  return fresh === "live" || fresh === "not_told" || age_s === null || age_s < 1 ? FRESHNESS[fresh].text : `${FRESHNESS[fresh].text}, ${ago(age_s)}`;
 }
 
 /** Show how fresh something is on a badge. */

@@ -1,5 +1,5 @@
 import { get, post } from "./api.js";
-import { $, ago, badge, commandBadge, el, icon, onChange, setText } from "./dom.js";
+import { $, ago, badge, commandBadge, el, icon, onChange, setText, tableRow } from "./dom.js";
 import { doubt, follow, FRESHNESS, freshnessOfDevice } from "./live.js";
 import { ready, start } from "./shell.js";
 import { attempt } from "./toast.js";
@@ -50,7 +50,7 @@ function showState(linked) {
   const mode = device?.state?.mode ?? "lost";
   const able = Boolean(device?.connected && device?.state && linked);
   const records = mode === "mapping" || (mode === "fault" && device.map_walk.running);
-  drawSign(mode);
+  drawSign(mode === "guiding" ? "walk" : mode);
   $("now").dataset.mode = mode;
   setText($("now-state"), device?.state?.mode_label ?? "Unknown");
   setText($("now-action"), records ? "A map walk is being recorded" : "No map walk is being recorded");
@@ -132,7 +132,7 @@ function recordingRow(recording) {
   const again = map.stage === "none" ? "Build a map" : "Build it again";
   const build = el("button", { type: "button", class: "slim", disabled: !complete || building, "aria-label": `${again}: ${name}`,
     onclick: () => attempt(async () => { await post(`/api/recordings/${recording.sha256}/map`); await fetchRecordings(); }) }, again);
-  return el("tr", {}, title, el("td", { class: "wide" }, sender), el("td", {}, arrival(recording)), el("td", {}, ...mapCell(map)),
+  return tableRow(title, el("td", { class: "wide" }, sender), el("td", {}, arrival(recording)), el("td", {}, ...(kind === "recording" ? mapCell(map) : [el("span", { class: "quiet" }, "–")])),
     el("td", { class: "actions" }, kind === "recording" ? build : ""));
 }
 

@@ -1,5 +1,5 @@
 import { get, patch, post } from "./api.js";
-import { $, badge, el, onChange, setText } from "./dom.js";
+import { $, badge, el, onChange, setText, tableRow } from "./dom.js";
 import { follow } from "./live.js";
 import { SettingRow } from "./setting-row.js";
 import { differences, differenceTable, humanName, orderProblems, rangeProblem, valueWords } from "./setting-words.js";
@@ -21,6 +21,7 @@ let running = defaults;
 let revisions = [];
 let sent = null;
 let able = false;
+const showCompared = onChange(drawCompared);
 let wantedDevice = sessionStorage.getItem("device") ?? "";
 
 build();
@@ -111,6 +112,7 @@ function draw() {
   $("draft-apply").disabled = !able || wrong.size > 0 || onTrial();
   $("draft-what-if").disabled = wrong.size > 0;
   if ($("settings-filter").value !== "all") find();
+  compare();
   presets.show(running, device?.id ?? null);
 }
 
@@ -249,7 +251,7 @@ function revisionRow(one, now, may) {
   const same = differences(specs, now, one.values).length === 0;
   const state = runs && one.state === "running" ? badge("good", "✓", "runs") : badge(...KINDS[one.state]);
   const back = el("button", { type: "button", class: "plain slim", disabled: !may || same, "data-key": `back ${one.revision}`, "aria-label": `Back to revision ${one.revision}…`, onclick: () => goBack(one) }, "Back to this…");
-  return el("tr", {}, el("th", { scope: "row" }, String(one.revision)), el("td", {}, changes || "–"), el("td", { class: "wide" }, one.author),
+  return tableRow(el("th", { scope: "row" }, String(one.revision)), el("td", {}, changes || "–"), el("td", { class: "wide" }, one.author),
     el("td", { class: "wide when" }, new Date(one.at_s * 1000).toLocaleString()), el("td", { class: "wide" }, why || "–"),
     el("td", {}, state, one.refusal ? el("p", { class: "small quiet" }, one.refusal) : null), el("td", { class: "actions" }, me.mayTune ? back : null));
 }
@@ -282,6 +284,10 @@ function compare() {
   const found = new Map(sets());
   const [from, to] = [$("compare-from").value, $("compare-to").value];
   const table = differences(specs, found.get(from) ?? {}, found.get(to) ?? {});
+  showCompared({ table, from, to });
+}
+
+function drawCompared({ table, from, to }) {
   $("compared").replaceChildren(table.length ? differenceTable(table, from, to) : el("p", { class: "quiet" }, "Nothing differs."));
 }
 

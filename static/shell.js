@@ -43,7 +43,7 @@ export function ready() {
 function build() {
   const nav = el("nav", { id: "pages", "aria-label": "Pages" }, ...PAGES.map(pageGroup));
   const here = PAGES.flatMap(([, pages]) => pages).find(([path]) => path === location.pathname);
-  const menu = el("button", { type: "button", class: "menu slim", "aria-expanded": "false", "aria-controls": "pages" }, `Pages: ${here?.[1] ?? ""}`);
+  const menu = el("button", { type: "button", class: "menu slim", "aria-expanded": "false", "aria-controls": "pages" }, here ? `Pages: ${here[1]}` : "Pages");
   menu.addEventListener("click", () => menu.setAttribute("aria-expanded", String(nav.classList.toggle("open"))));
   const brand = el("a", { class: "brand", href: "/" }, el("img", { src: "/static/icon.svg", alt: "" }),
     el("span", {}, "Virtual blind road", el("span", { class: "site", id: "site-name" })));

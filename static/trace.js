@@ -162,7 +162,8 @@ class PolarPlot {
       else parts.free += sector(from, to, state === FREE ? FAR_M : near_m);
       if (state === FREE || state === UNKNOWN || nearest_cm[index] / 100 > FAR_M) return;
       const before_m = index > 0 && states[index - 1] === state ? nearest_cm[index - 1] / 100 : Infinity;
-      const goesOn = Math.abs(before_m - near_m) < SAME_THING_M;
+      // A line goes on only from what is drawn: one bad step, and the browser draws nothing of it.
+      const goesOn = before_m <= FAR_M && Math.abs(before_m - near_m) < SAME_THING_M;
       parts.edge += goesOn ? `L${at(middle, near_m)}` : `M${at(from, near_m)}L${at(middle, near_m)}`;
       if (state === OBSTACLE || middle - marked_rad < MARK_EVERY_RAD) return;
       marked_rad = middle;

@@ -3,7 +3,7 @@
 import { get, post, postOnce } from "./api.js";
 import { changesList } from "./changes.js";
 import { Checker, SEVERITIES, severityCount } from "./checker.js";
-import { $, badge, el, onChange, setText } from "./dom.js";
+import { $, badge, el, onChange, setText, tableRow } from "./dom.js";
 import { editorPage } from "./draft.js";
 import { openForm, sure } from "./form.js";
 import { attempt, toast } from "./toast.js";
@@ -158,7 +158,7 @@ function isWantedBack(version, since) {
 const showNamed = onChange(({ versions: rows }) => {
   $("no-named").hidden = rows.length > 0;
   $("named-wrap").hidden = rows.length === 0;
-  $("named").replaceChildren(...rows.map((row) => el("tr", {}, el("th", { scope: "row", class: "number" }, String(row.version)),
+  $("named").replaceChildren(...rows.map((row) => tableRow(el("th", { scope: "row", class: "number" }, el("span", { class: "narrow-only" }, "Version "), String(row.version)),
     el("td", {}, row.published ? badge("good", "✓", "published") : row.name, el("span", { class: "narrow-only small quiet" }, `${row.author}, ${when(row.at_s)}`)),
     el("td", { class: "wide" }, row.author), el("td", { class: "when wide" }, when(row.at_s)), actions(row.version, "named"))));
 });
@@ -166,7 +166,7 @@ const showNamed = onChange(({ versions: rows }) => {
 const showHistory = onChange(() => {
   const rows = history.slice(0, shownCount);
   const rest = history.length - rows.length;
-  $("history").replaceChildren(...rows.map((row) => el("tr", {}, el("th", { scope: "row", class: "number" }, String(row.version)),
+  $("history").replaceChildren(...rows.map((row) => tableRow(el("th", { scope: "row", class: "number" }, el("span", { class: "narrow-only" }, "Version "), String(row.version)),
     el("td", {}, row.words, el("span", { class: "narrow-only small quiet" }, `${row.author}, ${when(row.at_s)}`)),
     el("td", { class: "wide" }, row.author), el("td", { class: "when wide" }, when(row.at_s)), actions(row.version, "history"))));
   $("more-history").hidden = rest <= 0;

@@ -166,6 +166,23 @@ def test_the_walk_begins_on_the_device_that_was_asked_about_whichever_is_shown_b
         anna.socket.close()
 
 
+def test_the_page_shows_by_a_sign_what_the_device_does_also_while_somebody_is_led(
+    tmp_path: Path, small_site: Site, page: Page
+) -> None:
+    save_site(small_site, tmp_path / "site")
+    with serving(tmp_path / "site", tmp_path / "data") as server:
+        assert server.ready.first_link is not None
+        become_admin(page, server.ready.first_link)
+        device = _dialled(server, page, "Glasses")
+        page.goto(f"{server.ready.url}/map-walks")
+        for mode in Mode:
+            device.send(WalkerState(1000.0, "localized", "walk", "ok", mode=mode))
+            until(page, lambda mode=mode: page.get_attribute("#now", "data-mode") == mode.value, mode.value)
+            length = page.locator("#now-sign path").evaluate("(path) => path.getTotalLength()")
+            assert length > 0.0, f"no sign for {mode.value}"
+        device.socket.close()
+
+
 def _dialled(server: ConsoleServer, page: Page, name: str) -> DialledDevice:
     """Return a device that could begin a map walk."""
     device = DialledDevice(server.ready.url, _token(server, page, name), hello_of(server, device_id=name))

@@ -109,6 +109,7 @@ def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_si
         put(page, "follower.sub_goal_distance_m", "1.5")
         page.locator("#follower-policy").select_option("paper")
         assert page.locator("#draft-count").inner_text() == "3 changes, 1 of them for safety"
+        assert page.locator("#compared tbody tr").count() == 3, "the defaults beside the draft, as it is now"
         # What if: the recorded walk, guided again.
         page.locator("#draft-what-if").click()
         page.locator(".what-if-figures").wait_for(timeout=120_000)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator
 
 import cv2
@@ -126,3 +127,15 @@ def test_a_stop_by_the_rangefinder_is_said_drawn_and_copied(page: Page, server: 
     until(server.services.hub, lambda each: not each.connected)
     expect(panel.locator(".trace")).to_have_attribute("data-freshness", "lost")
     assert "grayscale" in panel.locator(".trace-pictures").evaluate("(e) => getComputedStyle(e).filter")
+
+
+def test_a_wall_that_comes_in_from_beyond_the_picture_is_drawn(page: Page, server: ConsoleServer) -> None:
+    token = server.services.devices.create_token("Glasses of Ada", "test")
+    device = DialledDevice(server.ready.url, token, hello_of(server))
+    # A wall that runs on steadily: the first of it is farther away than the picture shows.
+    wall = WireScan(math.radians(-30.0), math.radians(1.0), (1,) * 40, tuple(450 - 4 * index for index in range(40)))
+    device.send(msgspec.structs.replace(GLASS, trace=msgspec.structs.replace(TRACE, scan=wall)))
+    page.get_by_role("tab", name="Decision").click()
+    edge = page.locator(".polar path.edge")
+    expect(edge).to_have_attribute("d", re.compile("L"))
+    assert edge.evaluate("(path) => path.getTotalLength()") > 0.0, "the browser draws nothing of it"

@@ -26,6 +26,23 @@ NAMELESS = """
 """
 
 
+BROKEN_WORDS = """
+() => {
+  const range = document.createRange();
+  const lines = (node, word) => {
+    range.setStart(node, word.index);
+    range.setEnd(node, word.index + word[0].length);
+    return new Set([...range.getClientRects()].map((box) => Math.round(box.top))).size;
+  };
+  const texts = [...document.querySelectorAll('main button, main .badge')].filter((e) => e.checkVisibility())
+    .flatMap((e) => [...e.childNodes].filter((node) => node.nodeType === Node.TEXT_NODE));
+  return texts.flatMap((node) => [...node.data.matchAll(/\\S+/g)].filter((word) => lines(node, word) > 1))
+    .map(([word]) => word);
+}
+"""
+"""Words on buttons that go on in the next line."""
+
+
 PAGES = (
     "/", "/overview", "/pois", "/versions", "/checks", "/rehearse", "/exchange", "/map-walks", "/settings",
     "/alerts", "/admin",
@@ -207,7 +224,8 @@ def test_a_viewer_finds_no_button_that_would_be_refused(browser: Browser, server
     context.close()
 
 
-def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None:
+def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page, server: ConsoleServer) -> None:
+    server.services.devices.create_token("Glasses of Ada", "test")
     page.set_viewport_size({"width": 360, "height": 740})
     for path in PAGES:
         page.goto(path)
@@ -218,5 +236,6 @@ def test_every_page_can_be_operated_by_name_and_fits_a_phone(page: Page) -> None
         assert page.locator("main").count() == 1
         overflow = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
         assert overflow <= 0, f"{path} is {overflow} px wider than a phone"
+        assert page.evaluate(BROKEN_WORDS) == [], path
         page.keyboard.press("Tab")
         assert page.evaluate("document.activeElement.className") == "skip"

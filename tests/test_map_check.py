@@ -356,7 +356,7 @@ def test_a_connection_along_a_drawn_road_beyond_the_cloud_is_an_error() -> None:
     graph = msgspec.structs.replace(graph, edges={**GRAPH.edges, "e9": edge}, roads={drawn.id: drawn})
     found = [each for each in findings_of(replace(measured(graph), network=network)) if each.code == "unknown_passage"]
     assert [(each.severity, each.edge_ids, each.road_ids) for each in found] == [("error", ("e9",), ("r9",))]
-    assert found[0].text == "The edge from Bar to Annexe leads where no floor has been seen."
+    assert found[0].text == "The connection from Bar to Annexe leads where no floor has been seen."
 
 
 def test_a_place_without_room_is_found() -> None:

@@ -78,6 +78,9 @@ document.hasFocus = () => document.visibilityState === 'visible';
 })();
 """
 
+_STYLE = '.mantine-Notifications-root[data-position^="top"] { top: 58px !important }'
+"""What viser tells stands below the buttons that our page lays over the scene, not under them."""
+
 
 @dataclass(frozen=True, slots=True)
 class ScenePage:
@@ -104,7 +107,7 @@ def scene_page(client_html: str, title: str, session_url: str, sign_in_url: str)
         "sign_in": json.dumps(sign_in_url), "session": json.dumps(session_url), "theme_cookie": THEME_COOKIE,
     }  # fmt: skip
     body = client_html.replace("<title>Viser</title>", f"<title>{title}</title>")
-    body = body.replace("<head>", f"<head><script>{ours}</script>", 1)
+    body = body.replace("<head>", f"<head><script>{ours}</script><style>{_STYLE}</style>", 1)
     data = body.encode()
     return ScenePage(
         data, gzip.compress(data, 6, mtime=0), f'"{hashlib.sha256(data).hexdigest()[:32]}"', _policy([scripts[0], ours])

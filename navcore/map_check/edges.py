@@ -21,7 +21,7 @@ def dangling_edges(evidence: MapEvidence) -> Iterator[Finding]:
     graph = evidence.graph
     for edge in graph.edges.values():
         if (reason := _why_dangling(edge, graph)) is not None:
-            text, action = f"{edge_name(edge, graph)} {reason}.", "Delete the edge, or draw it again."
+            text, action = f"{edge_name(edge, graph)} {reason}.", "Delete it, or connect the two places again."
             yield _finding("dangling_edge", edge, graph, text, action)
 
 
@@ -57,7 +57,7 @@ def edges_without_road(evidence: MapEvidence) -> Iterator[Finding]:
         x_m, y_m = points[int(distances_m.argmax())].tolist()
         farthest = f", {distances_m.max():.1f} m at most" if math.isfinite(distances_m.max()) else ""
         text = f"{edge_name(edge, graph)} leaves the road{farthest}."
-        action = "Draw or record the missing piece of road, then draw the edge again."
+        action = "Draw or record the missing piece of road, then connect the two places again."
         ends = tuple(key for key in (edge.a, edge.b) if key in graph.pois)
         yield Finding("edge_without_road", "error", text, action, x_m, y_m, ends, (edge.id,))
 

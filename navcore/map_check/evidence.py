@@ -132,9 +132,9 @@ def middle_of(edge: Edge, graph: PoiGraph) -> tuple[float, float]:
 
 
 def edge_name(edge: Edge, graph: PoiGraph) -> str:
-    """Return what a person calls an edge: "The edge from Hall to Bar"."""
+    """Return what a person calls an edge: "The connection from Hall to Bar"."""
     a, b = (graph.pois[key].name if key in graph.pois else f"a place that is gone ({key})" for key in (edge.a, edge.b))
-    return f"The edge from {a} to {b}"
+    return f"The connection from {a} to {b}"
 
 
 def is_silent(poi: Poi) -> bool:

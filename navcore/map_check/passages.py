@@ -34,7 +34,7 @@ def edges_through_obstacles(evidence: MapEvidence) -> Iterator[Finding]:
 def narrow_passages(evidence: MapEvidence) -> Iterator[Finding]:
     """Find passages narrower than a person: by the cloud, and by what somebody has measured and written down."""
     person_m = evidence.settings.obstacle.person_width_m
-    action = "Lead the edge elsewhere, or close it: guidance would stop there."
+    action = "Lead the connection elsewhere, or close it: guidance would stop there."
     for edge in evidence.graph.edges.values():
         if edge.width_m is not None and edge.width_m < person_m:
             text = f"{edge_name(edge, evidence.graph)} is {edge.width_m:.2f} m wide, and a person needs {person_m:g} m."

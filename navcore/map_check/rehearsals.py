@@ -94,9 +94,9 @@ def not_rehearsed(evidence: MapEvidence) -> Iterator[Finding]:
     edges = [evidence.graph.edges[key] for key in evidence.not_rehearsed if key in evidence.graph.edges]
     if not edges:
         return
-    what = edge_name(edges[0], evidence.graph) + " was" if len(edges) == 1 else f"{len(edges)} edges were"
+    what = edge_name(edges[0], evidence.graph) + " was" if len(edges) == 1 else f"{len(edges)} connections were"
     text = f"{what} not rehearsed in each direction: what is said there has not been checked."
-    action = "Rehearse ways over it on the page Rehearse, where it matters."
+    action = f"Rehearse ways over {'it' if len(edges) == 1 else 'them'} on the page Rehearse, where it matters."
     x_m, y_m = middle_of(edges[0], evidence.graph)
     yield Finding("not_rehearsed", "note", text, action, x_m, y_m, edge_ids=tuple(edge.id for edge in edges))
 

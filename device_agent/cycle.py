@@ -11,6 +11,7 @@ from device_agent.motion import speed_m_s
 from device_agent.ports import HostHealth
 from device_agent.state import DeviceState
 from navcore.cues.table import Cue
+from navcore.modes import Mode
 from navcore.types import Frame, Guidance, Localization, ObstacleScan
 from navcore.wire import StageSummary, WalkerState
 from navcore.wire_trace import WireCandidate
@@ -83,7 +84,8 @@ def walker_state(
         cycle_ms=cycle.work_ms,
         frame_rate_hz=frame_rate_hz,
         mode=state.mode,
-        destination_id=state.destination_id,
+        # In a fault, which hides the state beneath it, a destination says that somebody is being led.
+        destination_id=None if state.beneath is Mode.ARRIVED else state.destination_id,
         destination_by=state.aim_by[:120],
         load_level=state.load_level.value,
         stages=stages,

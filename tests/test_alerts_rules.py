@@ -45,6 +45,7 @@ BAD: tuple[tuple[AlertKind, Observation, str], ...] = (
     ("fall_suspected", seen(eye_m=None, tilt_rad=math.radians(-80)), "fallen: tilt of the head 80°."),
     ("link_lost", Observation(None, 7.2, True), "Nothing new from Ada for 7 s, and somebody was being led."),
     ("device_fault", seen(mode=Mode.FAULT, reason="sensor_stale"), "A sensor has stopped delivering."),
+    ("device_fault", seen(mode=Mode.FAULT, reason="arrived"), "Ada has stopped the walker: its own log says why."),
     ("battery_empty", seen(battery_percent=7.6), "The battery of Ada is at 8 %."),
     ("position_lost", seen(mode=Mode.LOST, quality="lost", reason="pose_lost"), "does not know where the walker is"),
     ("no_way", seen(action="stop", reason="no_candidate"), "No way on for Ada. No free direction in view."),

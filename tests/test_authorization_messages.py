@@ -191,7 +191,7 @@ def test_a_device_cannot_say_what_a_console_says() -> None:
         with pytest.raises(WireError) as refused:
             decode_from_device(raw)
         if row.direction is Direction.DOWN:
-            assert f"Invalid value '{tag}'" in str(refused.value), "not even its name is known"
+            assert f"type cannot be '{tag}'" in str(refused.value), "not even its name is known"
 
 
 def test_markup_in_names_stays_text_in_every_widget_of_the_scene(scene: tuple[Services, Scene]) -> None:

@@ -141,7 +141,7 @@ def test_recording_and_site_are_not_taken_for_each_other(refusal: Refusal, recor
     assert "associations.txt cannot be read" in refusal("map", "build", site, "--site", site)
     assert "associations.txt cannot be read" in refusal("localize", "--site", site, site)
     assert "There is no site at" in refusal("localize", "--site", recording, recording)
-    assert "There is no site at" in refusal("console", "--site", recording)
+    assert "There is no site at" in refusal("console", "--site", recording, "--port", 0)
 
 
 @pytest.mark.parametrize(

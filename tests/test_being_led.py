@@ -64,7 +64,5 @@ def test_all_say_the_same_of_who_is_being_led(timeline: WalkTimeline, mode: Mode
         "alerts": observe(shown, 100.0, 100.0, was_led=not device.leading).was_led,
         "past walks": bool(led(of_one_state(timeline, told)).all()),
     }
-    # A fault hides the state beneath it from the console: whoever has arrived counts as led until it is over.
-    expected = device.leading or (mode is Mode.FAULT and beneath is Mode.ARRIVED)
-    assert said == dict.fromkeys(said, expected)
+    assert said == dict.fromkeys(said, device.leading)
     assert device.leading == ((beneath or mode) in {Mode.GUIDING, Mode.LOST, Mode.PAUSED})

@@ -108,8 +108,8 @@ def test_what_is_restored_on_another_machine_is_what_was_backed_up(tmp_path: Pat
     assert verify_backup(made.file) == made.manifest
     other = Place(tmp_path / "there")
     assert restore(made.file, other.site, other.data).kept == ()
-    assert other.content() == before
     assert (other.data / "incidents" / "0123456789abcdef" / "messages.vbrlog").read_bytes() == b"VBRLOG1\n"
+    assert other.content() == before
     assert other.data.stat().st_mode & 0o777 == 0o700
     assert (other.data / DATABASE_FILE).stat().st_mode & 0o777 == 0o600
     assert sorted(path.name for path in other.site.parent.iterdir()) == ["site", "site.console"]

@@ -133,7 +133,7 @@ def test_whatever_is_asked_is_answered_as_described_and_what_is_refused_changes_
         if asked.admin.http.get("/api/session").status_code == 401:
             # They have changed their own account: what is left is asked by somebody as well.
             asked.sign_in()
-    assert len(taken) >= 30, "most of it was asked by nobody"
+    assert len(taken) >= 24, "most of it was asked by nobody"
 
 
 def test_numbers_at_the_end_of_every_range_are_taken_or_refused(asked: Asked) -> None:

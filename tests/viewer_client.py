@@ -39,7 +39,7 @@ class FakeBrowser:
 
     def run(self, action: Coroutine[Any, Any, T]) -> T:
         """Run something in the scene's loop, and wait for it."""
-        return asyncio.run_coroutine_threadsafe(action, self._loop).result(timeout=20)
+        return asyncio.run_coroutine_threadsafe(action, self._loop).result(timeout=60)
 
     async def _connect(self) -> None:
         self._buffer = AsyncMessageBuffer(self._loop, persistent_messages=False)

@@ -128,6 +128,8 @@ class Finding:
 # ------------------------------------------------------------------------------------------------- what is looked at
 _STOPS_OF_THEIR_OWN = frozenset({Reason.ARRIVED, Reason.PAUSED, Reason.NO_ROUTE, Reason.POSE_LOST})
 """Stops that are meant, or that another rule tells."""
+_FAILURES = frozenset({Reason.SENSOR_STALE, Reason.DEPTH_INVALID, Reason.CAMERA_MOVED})
+"""Reasons of guidance that say why a device fails; whatever else it says then, it said before."""
 _GAP_M = 1.0
 _DIGITS = {"%": 0, "°C": 0, "s": 0, "m/s": 2}
 
@@ -166,6 +168,8 @@ def _figure(value: float, unit: str) -> str:
 def sentence_of(rule: Rule, finding: Finding, seen: Observation, name: str) -> str:
     """Return what is wrong, with its figures."""
     reason = "" if seen.state is None else reason_sentence(seen.state.reason)
+    if _has_failed(seen) and seen.state is not None and _reason(seen.state) not in _FAILURES:
+        reason = "its own log says why."
     return rule.sentence.format(name=name, what=finding.what, value=finding.value, reason=reason)
 
 

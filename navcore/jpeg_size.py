@@ -47,4 +47,4 @@ def refuse_picture(jpeg: bytes) -> None:
     if size_px is None or 0 in size_px:
         raise WireError("A picture is no JPEG: update the device.")
     if size_px[0] * size_px[1] > MAX_PICTURE_PX:
-        raise WireError(f"A picture of {size_px[0]} × {size_px[1]} pixels is larger than any device sends.")
+        raise WireError(f"A picture of {size_px[0]} × {size_px[1]} pixels is larger than any device sends: update it.")

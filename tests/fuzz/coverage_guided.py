@@ -29,23 +29,24 @@ from fuzz.mutations import spoiled
 
 # So that it is seen which branches a file leads to. It prints a line for each module.
 _OBSERVED = ["navcore", "device_agent", "console", "mcap", "zipfile", "tarfile"]
-_COMPILED = ["navcore.slam", "navcore.lzf"]
-"""Numba reads their code, and knows none of what observes it."""
+_ROOT = Path(__file__).resolve().parents[2]
+
+
+def _compiled() -> Iterator[str]:
+    """Yield the modules that Numba compiles: it reads their code, and knows none of what would observe it."""
+    for package in ("navcore", "device_agent", "console"):
+        for path in sorted((_ROOT / package).rglob("*.py")):
+            if "from navcore.compiled import" in path.read_text(encoding="utf-8"):
+                yield ".".join(path.relative_to(_ROOT).with_suffix("").parts)
+
+
 with (
     contextlib.redirect_stderr(io.StringIO()),
-    atheris.instrument_imports(include=_OBSERVED, exclude=_COMPILED),
+    atheris.instrument_imports(include=_OBSERVED, exclude=["navcore.slam", *_compiled()]),
 ):
-    from fuzz import targets_wire
-    from fuzz.targets import TARGETS as OF_FILES
-    from fuzz.targets import Form, Target
+    from fuzz.every_target import TARGETS
+    from fuzz.targets import Target
 
-
-def _of_wire(name: str, read: Callable[[bytes], None]) -> Target:
-    form: Form = "json" if name in ("http_bodies", "edit_made", "page_said") else "binary"
-    return Target(name, form, lambda data, _: read(data), lambda: targets_wire.SEEDS[name])
-
-
-TARGETS = OF_FILES | {name: _of_wire(name, read) for name, read in targets_wire.TARGETS.items()}
 CORPUS = Path(__file__).resolve().parents[1] / "data" / "corpus"
 MAX_BYTES = 1 << 16
 _MEMORY_MIB = 4096
@@ -157,7 +158,7 @@ def _told(target: Target, scratch: Path, status: int) -> bool:
     if status != 0 and not finds:
         print((scratch / "log").read_text(errors="replace")[-3000:])
         return True
-    reader = ConfinedReader()
+    reader = ConfinedReader("fuzz.every_target")
     for path in finds:
         data = smallest(path.read_bytes(), lambda data: reader.read(target.name, data))
         answer = reader.read(target.name, data)

@@ -49,11 +49,12 @@ function taken(path, status, data) {
 }
 
 /** Send a file, as it is; `tell(share)` hears how much of it has gone, 0–1. */
-export function sendFile(path, file, tell) {
+export function sendFile(path, file, tell, { key = "" } = {}) {
   return new Promise((resolve, reject) => {
     const request = new XMLHttpRequest();
     request.open("POST", path);
     request.setRequestHeader("Content-Type", "application/octet-stream");
+    if (key) request.setRequestHeader("Idempotency-Key", key);
     request.upload.onprogress = ({ loaded, total }) => tell(total ? loaded / total : null);
     request.onerror = () => reject(new Refused(SILENT, 0));
     request.onload = () => {
@@ -69,19 +70,24 @@ export const get = (path) => ask("GET", path);
 export const post = (path, body) => ask("POST", path, body);
 const unheard = new Map();
 
-/** The same for what must not be done twice: an edit, an undo. Whoever asks for it again, for no answer came, asks with the same key; whoever
- *  asks twice before the first answer, as for two steps back, means two. */
-export async function postOnce(path, body) {
-  const request = `${path} ${JSON.stringify(body)}`;
+/** Ask with a key of its own. Whoever asks the same again, for no answer came, asks with the same key; whoever asks twice before the first
+ *  answer, as for two steps back, means two. */
+async function once(request, act) {
   const key = unheard.get(request) ?? newKey();
   unheard.delete(request);
   try {
-    return await ask("POST", path, body, { key });
+    return await act(key);
   } catch (error) {
     if (error.status === 0) unheard.set(request, key);
     throw error;
   }
 }
+
+/** The same for what must not be done twice: an edit, an undo. */
+export const postOnce = (path, body) => once(`${path} ${JSON.stringify(body)}`, (key) => ask("POST", path, body, { key }));
+
+/** A file that must not be taken in twice. */
+export const sendFileOnce = (path, file, tell) => once(`${path} ${file.name} ${file.size} ${file.lastModified}`, (key) => sendFile(path, file, tell, { key }));
 export const patch = (path, body) => ask("PATCH", path, body);
 
 /** Get what a part of the console answers that may not be there; null where it is not. */

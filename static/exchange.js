@@ -1,6 +1,6 @@
 /* The page Import and export. */
 
-import { sendFile } from "./api.js";
+import { sendFile, sendFileOnce } from "./api.js";
 import { changesList } from "./changes.js";
 import { $, el, setText } from "./dom.js";
 import { editorPage } from "./draft.js";
@@ -51,7 +51,7 @@ function fileForm(name, pathOf, take, forget = () => {}) {
     if (!file) return input.focus();
     send.disabled = true;
     try {
-      const answer = await sendFile(pathOf(file), file, (share) => bar.show(share === 1 ? null : share, share === 1 ? "It has arrived; the console looks at it." : `${file.name} is being sent.`));
+      const answer = await sendFileOnce(pathOf(file), file, (share) => bar.show(share === 1 ? null : share, share === 1 ? "It has arrived; the console looks at it." : `${file.name} is being sent.`));
       take(answer, file);
     } catch (error) {
       say(error.status === 404 ? "This console cannot import yet." : error.message);

@@ -8,7 +8,7 @@ import threading
 from collections.abc import Callable, Iterable
 
 from websockets.asyncio.server import ServerConnection, serve
-from websockets.exceptions import ConnectionClosed, ConnectionClosedError
+from websockets.exceptions import ConnectionClosed
 
 from navcore.wire import (
     PROTOCOL_VERSION,
@@ -66,7 +66,9 @@ class Console:
 
         async def send() -> None:
             for socket in list(self._sockets):
-                await socket.send(data)
+                # One that the device has just hung up may still be among them, beside the one that it dialled since.
+                with contextlib.suppress(ConnectionClosed):
+                    await socket.send(data)
 
         self._do(send())
 
@@ -107,24 +109,27 @@ class Console:
     refused = False
 
     async def _talk(self, socket: ServerConnection) -> None:
-        self._note(decode_from_device(await socket.recv()))
-        last = self.stored[-1].sequence if self.stored else 0
-        await socket.send(encode(Welcome(self.protocol_version, last)))
-        self._sockets.add(socket)
-        self.joins += 1
-        try:
-            async for data in socket:
-                message = decode_from_device(data)
-                if isinstance(message, Event):
-                    if not self.stored or message.sequence > self.stored[-1].sequence:
-                        self.stored.append(message)
-                    if self.confirms:
-                        await socket.send(encode(EventConfirmed(message.sequence)))
-                self._note(message)
-        except ConnectionClosedError:
-            pass
-        finally:
-            self._sockets.discard(socket)
+        # A device may hang up, or be cut off, at every moment: also while it is answered.
+        with contextlib.suppress(ConnectionClosed):
+            self._note(decode_from_device(await socket.recv()))
+            last = self.stored[-1].sequence if self.stored else 0
+            await socket.send(encode(Welcome(self.protocol_version, last)))
+            self._sockets.add(socket)
+            self.joins += 1
+            try:
+                await self._listen(socket)
+            finally:
+                self._sockets.discard(socket)
+
+    async def _listen(self, socket: ServerConnection) -> None:
+        async for data in socket:
+            message = decode_from_device(data)
+            if isinstance(message, Event):
+                if not self.stored or message.sequence > self.stored[-1].sequence:
+                    self.stored.append(message)
+                if self.confirms:
+                    await socket.send(encode(EventConfirmed(message.sequence)))
+            self._note(message)
 
     def _note(self, message: DeviceMessage) -> None:
         with self._changed:

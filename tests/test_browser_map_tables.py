@@ -459,6 +459,37 @@ def test_an_import_says_before_it_is_made_what_it_deletes_and_what_is_to_be_look
     assert "Lift" in {poi.name for poi in model.graph.pois.values()}
 
 
+def test_a_site_whose_import_nobody_answered_is_made_once_when_it_is_asked_again(
+    page: Page, server: ConsoleServer
+) -> None:
+    archive = page.request.get("/api/export/site.zip").body()
+    kept: list[str] = []
+
+    def without_answer(route: Route) -> None:
+        # A browser does not show to whoever listens what is in a file that it sends.
+        kept.append(route.fetch(post_data=archive).json()["site"])
+        route.abort()
+
+    def choose() -> None:
+        page.locator("#site-file").set_input_files({"name": "site.zip", "mimeType": "", "buffer": archive})
+
+    open_page(page, "/exchange")
+    page.route("**/api/import/site", without_answer)
+    choose()
+    page.locator("#site-send").press("Enter")
+    expect(page.locator("#site-problem")).to_contain_text("The console does not answer")
+    page.unroute("**/api/import/site")
+    page.locator("#site-send").press("Enter")
+    expect(page.locator("#site-done")).to_contain_text(kept[0])
+    sites = server.services.builds.folder
+    assert [str(site.resolve()) for site in sites.iterdir()] == kept
+    # Whoever has heard the answer and asks again means another one.
+    choose()
+    page.locator("#site-send").press("Enter")
+    expect(page.locator("#site-done")).not_to_contain_text(f"{kept[0]} ")
+    until(page, lambda: len(list(sites.iterdir())) == 2, "another site")
+
+
 def test_what_was_confirmed_outlives_a_killed_console_and_the_page_goes_on(
     browser: Browser, console: ConsoleProcess, failures: list[str]
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import threading
 import time
@@ -96,7 +97,8 @@ class Stage:
 
 
 @pytest.fixture
-def stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
+def unmeasured(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
+    """Stages whose map nobody has measured."""
     made: list[Stage] = []
 
     def make(site: Site | None = None, **options: Any) -> Stage:
@@ -106,6 +108,22 @@ def stage(tmp_path: Path) -> Iterator[Callable[..., Stage]]:
     yield make
     for each in made:
         each.close()
+
+
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of surveys in which the corridor's lies: it is measured once for those whose matter that is not."""
+    once = Stage(tmp_path_factory.mktemp("measured"))
+    once.surveys.survey(WAIT_S)
+    once.close()
+    return once.folder / "surveys"
+
+
+@pytest.fixture
+def stage(tmp_path: Path, measured: Path, unmeasured: Callable[..., Stage]) -> Callable[..., Stage]:
+    """Stages of the corridor, measured."""
+    shutil.copytree(measured, tmp_path / "surveys")
+    return unmeasured
 
 
 # -------------------------------------------------------------------------------------------------- over HTTP
@@ -262,19 +280,19 @@ def test_a_draft_that_is_changed_while_it_is_checked_is_not_published_unseen(sta
 
 
 # -------------------------------------------------------------------------------------------------- the survey
-def test_a_survey_outlives_the_console_and_is_not_made_again(stage: Callable[..., Stage]) -> None:
-    first = stage(corridor_site(POLE))
+def test_a_survey_outlives_the_console_and_is_not_made_again(unmeasured: Callable[..., Stage]) -> None:
+    first = unmeasured(corridor_site(POLE))
     found = first.checked().findings
     (kept,) = (first.folder / "surveys").iterdir()
     made_ns = kept.stat().st_mtime_ns
     first.close()
-    second = stage(corridor_site(POLE))
+    second = unmeasured(corridor_site(POLE))
     assert second.checked().findings == found
     assert kept.stat().st_mtime_ns == made_ns
 
 
-def test_a_survey_that_was_damaged_is_made_again(stage: Callable[..., Stage]) -> None:
-    here = stage()
+def test_a_survey_that_was_damaged_is_made_again(unmeasured: Callable[..., Stage]) -> None:
+    here = unmeasured()
     (here.folder / "surveys").mkdir()
     here.surveys._file.write_bytes(b"PK\x03\x04 nothing of the kind")
     (here.folder / "surveys" / f".{here.surveys._file.name}.77").write_bytes(b"what a process that was killed has left")
@@ -283,8 +301,8 @@ def test_a_survey_that_was_damaged_is_made_again(stage: Callable[..., Stage]) ->
     assert here.surveys._file.stat().st_size > 1000
 
 
-def test_another_map_in_the_folder_is_not_measured_for_this_one(stage: Callable[..., Stage]) -> None:
-    here = stage()
+def test_another_map_in_the_folder_is_not_measured_for_this_one(unmeasured: Callable[..., Stage]) -> None:
+    here = unmeasured()
     save_site(corridor_site(POLE), here.folder / "site")
     state = here.checked()
     assert state.stage == "failed"
@@ -292,8 +310,8 @@ def test_another_map_in_the_folder_is_not_measured_for_this_one(stage: Callable[
     assert [finding.code for finding in here.checks.unconfirmed_errors(here.model.graph.version)] == ["not_checked"]
 
 
-def test_a_survey_that_was_killed_is_told_and_tried_again(stage: Callable[..., Stage]) -> None:
-    here = stage()
+def test_a_survey_that_was_killed_is_told_and_tried_again(unmeasured: Callable[..., Stage]) -> None:
+    here = unmeasured()
     stopped = threading.Event()
     original = here.surveys._follow
 
@@ -309,17 +327,17 @@ def test_a_survey_that_was_killed_is_told_and_tried_again(stage: Callable[..., S
     assert here.surveys.survey(WAIT_S).occupancy.is_occupied.any()
 
 
-def test_who_does_not_want_to_wait_hears_how_far_it_is(stage: Callable[..., Stage]) -> None:
-    here = stage()
+def test_who_does_not_want_to_wait_hears_how_far_it_is(unmeasured: Callable[..., Stage]) -> None:
+    here = unmeasured()
     with pytest.raises(ConflictError, match="being measured"):
         here.surveys.survey(timeout_s=0.0)
     assert here.surveys.survey(WAIT_S).walls_m.shape[1:] == (2, 2)
 
 
 def test_the_plan_is_never_waited_for_and_drawn_once_for_a_version(
-    stage: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
+    unmeasured: Callable[..., Stage], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    here = stage()
+    here = unmeasured()
     plans = FloorPlans(here.model, here.surveys)
     with pytest.raises(ConflictError, match=r"\d %"):
         plans.picture("light")
@@ -365,8 +383,8 @@ def test_a_console_that_ends_gives_up_the_check(stage: Callable[..., Stage], mon
         running.checks.start()
 
 
-def test_a_console_that_ends_ends_the_survey(stage: Callable[..., Stage]) -> None:
-    here = stage()
+def test_a_console_that_ends_ends_the_survey(unmeasured: Callable[..., Stage]) -> None:
+    here = unmeasured()
     held: list[Any] = []
     begun = threading.Event()
     original = here.surveys._follow

@@ -203,8 +203,8 @@ def test_caution_makes_no_announcement_of_a_place_late(before_m: float) -> None:
     assert 12.0 < caution.along_m < 12.0 + before_m / 2.0
 
 
-@pytest.mark.parametrize("edge_m", [1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 20.0])
-@pytest.mark.parametrize("after_m", [2.0, 3.0, 5.0, 6.5, 12.0])
+@pytest.mark.parametrize("edge_m", [1.0, 2.0, 3.0, 5.0, 8.0, 20.0])
+@pytest.mark.parametrize("after_m", [2.0, 5.0, 6.5])
 @pytest.mark.parametrize(("side", "width_m"), [("left", None), ("none", 0.8)])
 def test_what_is_to_be_known_of_an_edge_is_said_in_its_first_half(
     edge_m: float, after_m: float, side: str, width_m: float | None

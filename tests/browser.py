@@ -20,6 +20,8 @@ from playwright.sync_api import Browser, BrowserContext, Error, Frame, Page, syn
 ARGUMENTS = (
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
     "--disable-component-update", "--disable-sync", "--no-first-run",
+    # Where there is no graphics card, putting a page together in software is far less work than emulating one for it.
+    "--disable-gpu-compositing",
 )  # fmt: skip
 WAIT_S = 60.0
 POLL_MS = 100

@@ -141,7 +141,7 @@ def test_no_route_answers_by_another_name(room: Room, host: str) -> None:
     assert state_of(room) == before
 
 
-@pytest.mark.parametrize("caller", ["nobody", "viewer", "admin", "device"])
+@pytest.mark.parametrize("caller", ["nobody", "admin", "device"])
 def test_other_methods_and_other_paths_are_nothing(room: Room, caller: str) -> None:
     before = state_of(room)
     paths = {path for _, path in IN_GROUP}

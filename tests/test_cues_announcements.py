@@ -80,7 +80,7 @@ def of_kind(cues: list[Cue], kind: CueKind) -> list[Cue]:
 speeds = st.floats(0.3, 1.8)
 
 
-@hypothesis_settings(deadline=None, max_examples=40)
+@hypothesis_settings(deadline=None, max_examples=20)
 @given(speeds, st.integers(1, 80), st.floats(20.0, 30.0), st.sampled_from(["en", "zh"]))
 def test_a_place_is_announced_so_that_the_walker_can_react_when_the_sentence_is_over(
     speed_m_s: float, name_length: int, place_m: float, language: str
@@ -129,7 +129,7 @@ def test_stairs_are_a_warning_at_every_verbosity_and_late_rather_than_never(verb
         assert cue.stamp_s * 0.85 < place_m
 
 
-@hypothesis_settings(deadline=None, max_examples=40)
+@hypothesis_settings(deadline=None, max_examples=20)
 @given(speeds, st.floats(0.3, 2.0), st.sampled_from(["normal", "full"]), st.sampled_from(["degrees", "clock", "sides"]),
        st.sampled_from(["en", "zh"]), st.floats(-170, 170).filter(lambda bend: abs(bend) > 45))  # fmt: skip
 def test_a_turn_is_announced_once_and_the_sentence_is_over_before_the_turn(
@@ -250,7 +250,7 @@ def test_whoever_stands_on_the_edge_is_not_told_of_its_sides_before_they_walk(ac
     assert kinds.count((True, CueKind.CAUTION_SIDE)) == 1
 
 
-@hypothesis_settings(deadline=None, max_examples=60)
+@hypothesis_settings(deadline=None, max_examples=30)
 @given(speeds, st.floats(10.0, 20.0), st.floats(3.0, 12.0), st.booleans(), st.sampled_from(["en", "zh"]))
 def test_neither_caution_nor_reassurance_makes_a_place_be_told_late(
     speed_m_s: float, begin_m: float, ahead_m: float, is_narrow: bool, language: str

@@ -1,4 +1,4 @@
-import { get, patch, post } from "./api.js";
+import { get, inTurn, patch, post } from "./api.js";
 import { $, ago, badge, el, setText, tableRow } from "./dom.js";
 import { sure } from "./form.js";
 import { ready, start } from "./shell.js";
@@ -8,15 +8,15 @@ const ROLES = ["viewer", "editor", "technician", "admin"];
 let deeds = [];
 let asked = { who: "", action: "" };
 await start();
-await refresh();
 
-async function refresh() {
+const refresh = inTurn(async () => {
   const [{ users }, { tokens }] = await Promise.all([get("/api/users"), get("/api/tokens"), showAudit()]);
   $("people").replaceChildren(...users.map(personRow));
   $("no-tokens").hidden = tokens.length > 0;
   $("tokens-wrap").hidden = tokens.length === 0;
   $("tokens").replaceChildren(...tokens.map(tokenRow));
-}
+});
+await refresh();
 
 /** Show the newest deeds that were asked for; those before the last one that is shown as well, where `older`. */
 async function showAudit({ older = false } = {}) {

@@ -3,7 +3,7 @@
 import { onAlerts } from "./alert-feed.js";
 import { MARKS, sound } from "./alert-head.js";
 import { AlertList, span } from "./alerts.js";
-import { ask, get, post } from "./api.js";
+import { ask, get, inTurn, post } from "./api.js";
 import { $, badge, el, onChange, setText } from "./dom.js";
 import { openForm, sure } from "./form.js";
 import { ready, start } from "./shell.js";
@@ -23,13 +23,13 @@ new AlertList($("active"), { device: chosen, empty: "Nothing needs anybody just 
 $("device-select").addEventListener("change", () => attempt(refresh));
 
 // ----------------------------------------------------------------------------------------------------------- history
-async function refresh() {
+const refresh = inTurn(async () => {
   const [{ recent, devices: known }, { incidents }] = await Promise.all([get(`/api/alerts${query()}`), get(`/api/incidents${query()}`)]);
   devices = known;
   showDevices(known);
   showHistory(recent);
   showIncidents(incidents);
-}
+});
 
 const showDevices = onChange((known) => {
   const before = $("device-select").value;

@@ -100,6 +100,28 @@ export async function getIfThere(path) {
   }
 }
 
+/** Do `work` once at a time, and once more where it was asked for meanwhile: of two answers, the one that overtakes the other would
+ *  otherwise be shown, and be old. The promise is kept when the last of it is done. */
+export function inTurn(work) {
+  let isDue = false;
+  let going = null;
+  const go = async () => {
+    try {
+      while (isDue) {
+        isDue = false;
+        await work();
+      }
+    } finally {
+      going = null;
+    }
+  };
+  return () => {
+    isDue = true;
+    going ??= go();
+    return going;
+  };
+}
+
 let leaving = false;
 
 /** The session has ended: sign in, and come back here. */

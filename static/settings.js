@@ -1,4 +1,4 @@
-import { get, patch, post } from "./api.js";
+import { get, inTurn, patch, post } from "./api.js";
 import { $, badge, el, onChange, setText, tableRow } from "./dom.js";
 import { follow } from "./live.js";
 import { SettingRow } from "./setting-row.js";
@@ -10,6 +10,7 @@ import { attempt } from "./toast.js";
 import { WhatIf } from "./what-if.js";
 
 const ANSWER_SHOWN_MS = 6000;
+const ASK_AGAIN_MS = 1000;
 const me = await start();
 const { settings: specs, orders, trial_s } = await get("/api/settings");
 const byKey = new Map(specs.map((spec) => [spec.key, spec]));
@@ -162,7 +163,7 @@ function showLive(data, elapsed_s, linked) {
   const key = device ? `${device.id} ${device.settings_revision} ${device.connected} ${onTrial()} ${able} ${device.commands.map(({ id, state }) => `${id} ${state}`)}` : `none ${linked}`;
   if (key === showLive.key) return;
   showLive.key = key;
-  if (device) fetchValues(device.id);
+  if (device) fetchValues();
   else draw();
 }
 
@@ -222,32 +223,41 @@ const showStatus = onChange(({ name, able: works, told, linked, tuning, led }) =
   $("status").className = works ? "note" : "note warn";
 });
 
-async function fetchValues(id) {
-  const data = await get(`/api/devices/${encodeURIComponent(id)}/settings`).catch(() => null);
-  if (!data || device?.id !== id) return;
+const fetchValues = inTurn(async () => {
+  if (device === null) return;
+  const { id } = device;
+  let data;
+  try {
+    data = await get(here());
+  } catch {
+    // What is shown would be old for good: the stream tells only of what changes.
+    setTimeout(fetchValues, ASK_AGAIN_MS);
+    return;
+  }
+  if (device?.id !== id) return;
   running = data.values;
   revisions = data.revisions;
   for (const [key, value] of draft) if (value === running[key]) draft.delete(key);
   draw();
-  showRevisions({ revisions, running, may: me.mayTune && able && !onTrial() });
+  showRevisions({ revisions, running, told: device.settings_revision, may: me.mayTune && able && !onTrial() });
   fillCompare();
-}
+});
 
 // --------------------------------------------------------------------------------------------------------- history
 const KINDS = {
   running: ["good", "✓", "ran"], refused: ["bad", "✕", "refused"], sent: ["info", "…", "sent"], trying: ["warn", "◔", "tried out"],
   reverted: ["warn", "↩", "went back"], unanswered: ["warn", "○", "not answered"],
 };
-const showRevisions = onChange(({ revisions: all, running: now, may }) => {
+const showRevisions = onChange(({ revisions: all, running: now, told, may }) => {
   $("no-revisions").hidden = all.length > 0;
   $("revisions-wrap").hidden = all.length === 0;
-  $("revisions").replaceChildren(...all.map((one) => revisionRow(one, now, may)));
+  $("revisions").replaceChildren(...all.map((one) => revisionRow(one, now, told, may)));
 });
 
-function revisionRow(one, now, may) {
+function revisionRow(one, now, told, may) {
   const changes = Object.entries(one.changes).map(([key, [from, to]]) => `${byKey.has(key) ? humanName(byKey.get(key)) : key}: ${from} → ${to}`).join(", ");
   const why = [one.why, one.override_reason && `While somebody was led: ${one.override_reason}`].filter(Boolean).join(" ");
-  const runs = one.revision === device?.settings_revision;
+  const runs = one.revision === told;
   const same = differences(specs, now, one.values).length === 0;
   const state = runs && one.state === "running" ? badge("good", "✓", "runs") : badge(...KINDS[one.state]);
   const back = el("button", { type: "button", class: "plain slim", disabled: !may || same, "data-key": `back ${one.revision}`, "aria-label": `Back to revision ${one.revision}…`, onclick: () => goBack(one) }, "Back to this…");

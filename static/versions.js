@@ -1,6 +1,6 @@
 /* The page Versions: check, publish, compare, go back. */
 
-import { get, post, postOnce } from "./api.js";
+import { get, inTurn, post, postOnce } from "./api.js";
 import { changesList } from "./changes.js";
 import { Checker, SEVERITIES, severityCount } from "./checker.js";
 import { $, badge, el, onChange, setText, tableRow } from "./dom.js";
@@ -16,17 +16,17 @@ let versions = { versions: [] };
 let compared = "";
 const checker = new Checker(showSteps);
 
-const { me, graph, begin } = await editorPage({ show: () => refresh().catch((error) => toast(error.message, { kind: "bad" })), heard, asked: () => checker.look() });
-
-const when = (at_s) => new Date(at_s * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
-
-async function refresh() {
+const refresh = inTurn(async () => {
   [versions, { history }] = await Promise.all([get("/api/versions"), get("/api/history")]);
   showNamed(versions);
   showHistory({ history, shownCount });
   showChoices([history, versions]);
   showSteps();
-}
+});
+
+const { me, graph, begin } = await editorPage({ show: () => refresh().catch((error) => toast(error.message, { kind: "bad" })), heard, asked: () => checker.look() });
+
+const when = (at_s) => new Date(at_s * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 
 // --------------------------------------------------------------------------------------------------------- publish
 function showSteps() {

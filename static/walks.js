@@ -1,6 +1,6 @@
 /* The page Walks: the list of past walks and where on the map things happened in them; or one walk, or an incident, played. */
 
-import { get } from "./api.js";
+import { get, inTurn } from "./api.js";
 import { $, el, onChange, setText } from "./dom.js";
 import { Graph } from "./graph.js";
 import { follow } from "./live.js";
@@ -58,12 +58,16 @@ async function showList() {
     drawOverlays();
   }
 
-  const drawOverlays = onChangeOf(() => [...chosen].sort(), async (ids) => {
-    const query = new URLSearchParams(ids.map((id) => ["walk", id]));
-    $("walks-csv").href = `/api/walk-figures.csv?${query}`;
+  const queryOf = (ids) => new URLSearchParams(ids.map((id) => ["walk", id]));
+
+  const fetchOverlays = inTurn(async () => {
+    plan.showLayers(chosen.size ? (await get(`/api/walk-overlays?${queryOf([...chosen].sort())}`)).layers : null);
+  });
+
+  const drawOverlays = onChangeOf(() => [...chosen].sort(), (ids) => {
+    $("walks-csv").href = `/api/walk-figures.csv?${queryOf(ids)}`;
     setText($("overlays-words"), ids.length === 1 ? "One walk is drawn: choose others in the table." : `${ids.length} walks are drawn: choose them in the table.`);
-    if (ids.length === 0) return plan.showLayers(null);
-    plan.showLayers((await get(`/api/walk-overlays?${query}`)).layers);
+    fetchOverlays().catch((error) => toast(error.message));
   });
 
   const draw = onChange(() => {
@@ -77,10 +81,13 @@ async function showList() {
   const seen = new Set();
   const MOST_CHOSEN = 50;
   const ask = async () => {
-    ({ walks: rows } = await get("/api/walks"));
-    draw(rows);
-    // What is being read is there in a moment; what a device sends, when it has come.
-    setTimeout(() => ask().catch((error) => toast(error.message)), rows.some(({ reading }) => reading) ? ASK_AGAIN_MS : 10 * ASK_AGAIN_MS);
+    try {
+      ({ walks: rows } = await get("/api/walks"));
+      draw(rows);
+    } finally {
+      // What is being read is there in a moment; what a device sends, when it has come. A console that is silent now is asked again, too.
+      setTimeout(() => ask().catch(() => {}), rows.some(({ reading }) => reading) ? ASK_AGAIN_MS : 10 * ASK_AGAIN_MS);
+    }
   };
   await ask();
   plan.fetch();

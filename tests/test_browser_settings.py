@@ -12,7 +12,7 @@ import pytest
 from accessibility import in_both_themes
 from browser import become_admin, chromium, until
 from console_room import DialledDevice, hello_of, serving
-from playwright.sync_api import Page, expect
+from playwright.sync_api import APIResponse, Page, Route, expect
 from recorded_walk import STORED_WALK
 from test_past_walks import take
 
@@ -37,12 +37,15 @@ class Glasses:
         self.state = DeviceState(Settings(), PoiGraph(), mode=Mode.READY)
         self.link = DialledDevice(server.ready.url, token, hello_of(server, now_s=time.monotonic()))
         self.link.send(running(self.state))
+        self.listens = threading.Event()
+        self.listens.set()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self) -> None:
         while not self._ended.is_set():
+            self.listens.wait()
             try:
                 order = decode_from_console(bytes(self.link.socket.recv(timeout=0.1)))  # type: ignore[arg-type]
             except TimeoutError:
@@ -59,6 +62,7 @@ class Glasses:
 
     def end(self) -> None:
         """Hang up."""
+        self.listens.set()
         self._ended.set()
         self._thread.join()
         self.link.socket.close()
@@ -149,3 +153,43 @@ def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_si
         page.get_by_role("button", name="Go back now").click()
         until(page, lambda: glasses.state.trial is None and glasses.state.settings_revision == 1, "it went back")
         assert glasses.state.settings.gate.clearance_m == 1.5
+
+
+def test_an_answer_that_comes_late_or_not_at_all_does_not_stay_on_the_page(
+    tmp_path: Path, small_site: Site, page: Page
+) -> None:
+    with room(tmp_path, small_site) as (server, glasses):
+        assert server.ready.first_link is not None
+        become_admin(page, server.ready.first_link)
+        page.goto(server.ready.url + "/settings")
+        page.locator("#gate-clearance_m:enabled").wait_for()
+        put(page, "gate.clearance_m", "1.5")
+        page.locator("#draft-apply").click()
+        page.get_by_role("dialog").get_by_role("button", name="Try it out").click()
+        runs = page.locator("#revisions tr").first
+        expect(runs).to_contain_text("tried out")
+        held: list[tuple[Route, APIResponse]] = []
+
+        def hold(route: Route) -> None:
+            """Keep back the first answer, lose the second, and let the others pass."""
+            asked.append(route.request.url)
+            if len(asked) == 1:
+                held.append((route, route.fetch()))
+            elif len(asked) == 2:
+                route.abort()
+            else:
+                route.continue_()
+
+        asked: list[str] = []
+        page.route("**/api/devices/glasses/settings", hold)
+        # While the device has not heard yet that it is kept, the page asks; the answer is old by the time that it comes.
+        glasses.listens.clear()
+        page.get_by_role("button", name="Keep it").click(no_wait_after=True)
+        until(page, lambda: held, "the first answer is there")
+        glasses.listens.set()
+        until(page, lambda: glasses.state.trial is None, "it is kept")
+        page.locator("#trial").wait_for(state="hidden")
+        route, answer = held[0]
+        route.fulfill(response=answer)
+        expect(runs.locator(".badge.good")).to_contain_text("runs", timeout=60_000)
+        assert len(asked) >= 3, "the second answer was lost, and asked for again"

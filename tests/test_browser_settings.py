@@ -182,7 +182,7 @@ def test_an_answer_that_comes_late_or_not_at_all_does_not_stay_on_the_page(
 
         asked: list[str] = []
         page.route("**/api/devices/glasses/settings", hold)
-        # While the device has not heard yet that it is kept, the page asks; the answer is old by the time that it comes.
+        # While the device has not heard yet that it is kept, the page asks; the answer is old when it comes.
         glasses.listens.clear()
         page.get_by_role("button", name="Keep it").click(no_wait_after=True)
         until(page, lambda: held, "the first answer is there")

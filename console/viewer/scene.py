@@ -187,7 +187,7 @@ def draw_map(server: viser.ViserServer, cloud: ShownCloud, bounds: FloorBounds) 
 def _configure(server: viser.ViserServer) -> None:
     set_theme(server.gui, DARK)
     server.gui.set_panel_label("Virtual blind road")
-    # Viser's own picture of surroundings, which things mirror, takes seconds to work out where there is no graphics card.
+    # Viser's picture of surroundings, which things mirror, takes seconds to work out where there is no graphics card.
     server.scene.configure_environment_map(None)
     server.scene.add_light_hemisphere("/sky", ground_color=(210, 210, 220), intensity=1.2)
 

@@ -185,5 +185,5 @@ $("name-version").addEventListener("click", () => openForm({
 }));
 
 await graph.fetch();
-await checker.look();
+await Promise.all([refresh(), checker.look()]);
 begin();

@@ -62,6 +62,12 @@ def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
     assert failures == []
 
 
+def opened(page: Page, path: str) -> None:
+    """Go to a page, and wait until something can be pressed on it."""
+    page.goto(path)
+    expect(page.locator("body:not([inert])")).to_be_attached()
+
+
 def answering(page: Page, path: str, answer: Callable[[str, Any], Any]) -> list[Any]:
     """Let ``answer(method, body)`` answer for a path; return the list of what was sent there."""
     sent: list[Any] = []
@@ -83,7 +89,7 @@ def test_a_check_is_run_its_findings_are_filtered_shown_in_the_scene_and_grow_ol
     done = state("done", 1, findings=tuple(FINDINGS))
     begun = answering(page, "/api/check", lambda *_: {"json": next(states, done)})
     viewed = answering(page, "/api/view", lambda *_: {"json": {"scenes": 1}})
-    page.goto("/checks")
+    opened(page, "/checks")
     expect(page.locator("#state")).to_contain_text("Nobody has checked this draft yet")
     page.get_by_role("button", name="Check the draft").press("Enter")
     expect(page.locator("#state")).to_have_text("Version 1 has 1 error, 1 warning.")
@@ -116,7 +122,7 @@ def test_publishing_what_has_errors_is_asked_again_and_only_then_done(page: Page
 
     answering(page, "/api/check", lambda *_: {"json": state("done", 2, findings=tuple(FINDINGS))})
     sent = answering(page, "/api/publish", answer)
-    page.goto("/versions")
+    opened(page, "/versions")
     expect(page.locator("#steps")).to_contain_text("Found: 1 error, 1 warning.")
     page.get_by_role("button", name="Publish").press("Enter")
     asked = page.get_by_role("dialog")
@@ -151,7 +157,7 @@ def test_what_was_confirmed_is_published_and_not_what_the_draft_has_become_meanw
 
     answering(page, "/api/check", lambda *_: {"json": state("none")})
     sent = answering(page, "/api/publish", answer)
-    page.goto("/versions")
+    opened(page, "/versions")
     expect(page.locator("#steps")).to_contain_text("Version 2;")
     page.get_by_role("button", name="Publish").press("Enter")
     page.get_by_role("dialog", name="Publish all the same?").get_by_role("button", name="Publish it").press("Enter")
@@ -181,7 +187,7 @@ def test_going_back_over_what_somebody_did_meanwhile_is_asked_again_and_only_the
         return route.fulfill(status=409, json={"error": "The draft has been changed meanwhile."})
 
     page.route("**/roll-back", judge)
-    page.goto("/versions")
+    opened(page, "/versions")
     back = page.get_by_role("button", name="Go back to version 1").first
     asked = page.get_by_role("dialog", name="Go back to version 1 all the same?")
     back.press("Enter")
@@ -205,7 +211,7 @@ def test_the_page_admin_lists_the_people(page: Page, server: ConsoleServer) -> N
         "/api/users", data={"name": "Bea", "role": "editor"}, headers={"Origin": server.ready.url}
     )
     assert invited.status == 201
-    page.goto("/admin")
+    opened(page, "/admin")
     people = page.get_by_role("region", name="People").get_by_role("row")
     expect(people).to_have_count(3)
     expect(people.filter(has_text="Ada")).to_contain_text("active")
@@ -256,8 +262,7 @@ def test_a_rehearsal_lists_what_is_heard_and_says_when_it_is_old(page: Page, ser
         "refusal": "", "total_s": 65.0, "length_m": 6.0, "utterances": utterances,
     }  # fmt: skip
     sent = answering(page, "/api/rehearsals", lambda *_: {"json": result})
-    page.goto("/rehearse")
-    expect(page.locator("body:not([inert])")).to_be_attached()
+    opened(page, "/rehearse")
     page.get_by_role("button", name="Rehearse", exact=True).press("Enter")
     expect(page.get_by_role("alert").filter(has_text="Choose both places.")).to_be_visible()
     expect(page.get_by_label("From")).to_be_focused()

@@ -362,10 +362,10 @@ def test_the_overview_shows_who_needs_somebody_and_leads_to_them(
     expect(page.locator("#counts")).to_contain_text("all to look after")
     expect(card).to_contain_text("Was told to stand")
     stream.is_frozen = False
-    # The alert, and what is drawn anew, move the card: nobody chooses it in that instant.
+    # The alert, and what is drawn anew, move the card: by a key it is chosen all the same.
     expect(page.locator("#counts")).to_have_text("1 walker, 1 guided, 1 to look after")
     expect(page.locator("#alerts")).to_contain_text("Nothing heard while leading")
-    card.get_by_role("link").click()
+    card.get_by_role("link").press("Enter")
     expect(page.locator("#device-name")).to_have_text("Glasses of Ada")
     assert page.url.endswith("/?device=glasses")
     device.vanish()

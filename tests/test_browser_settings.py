@@ -45,11 +45,11 @@ class Glasses:
 
     def _run(self) -> None:
         while not self._ended.is_set():
-            self.listens.wait()
             try:
                 order = decode_from_console(bytes(self.link.socket.recv(timeout=0.1)))  # type: ignore[arg-type]
             except TimeoutError:
                 order = None
+            self.listens.wait()
             if isinstance(order, (ApplySettings, KeepSettings)):
                 self._do(carry_out(self.state, order, time.monotonic()))
             self._do(after_trial(self.state, time.monotonic()))

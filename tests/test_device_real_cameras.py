@@ -179,6 +179,21 @@ def test_the_oak_sdk_is_told_to_send_nothing_before_it_is_loaded(depthai: Any) -
     assert "Telemetry capture upload" not in done.stdout + done.stderr
 
 
+def test_a_file_that_may_not_grow_is_a_write_that_fails_also_beside_the_oak_sdk(depthai: Any, tmp_path: Path) -> None:
+    script = (
+        "import contextlib, pathlib, resource\n"
+        "from device_agent.adapters.oak import open_streams\n"
+        "from navcore.errors import SensorError\n"
+        "with contextlib.suppress(SensorError):\n    open_streams('no-such-camera')\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (4096, 4096))\n"
+        f"try:\n    pathlib.Path({str(tmp_path / 'grows')!r}).write_bytes(bytes(10_000))\n"
+        "except OSError as error:\n    print(error)\n"
+    )
+    environment = {name: value for name, value in os.environ.items() if not name.startswith("DEPTHAI_")}
+    done = subprocess.run([sys.executable, "-c", script], env=environment, capture_output=True, text=True, timeout=60)
+    assert (done.returncode, "File too large" in done.stdout) == (0, True), done.stderr
+
+
 def test_an_oak_camera_that_is_not_there_is_told(depthai: Any) -> None:
     with pytest.raises(SensorError, match="No OAK camera is found"):
         OakSource(SteppedClock())

@@ -33,13 +33,15 @@ _TIMEOUT = timedelta(seconds=1)
 _PAIRED_WITHIN = timedelta(milliseconds=15)
 _QUEUED_FRAMES = 2
 _QUEUED_SAMPLES = 50
-_SENDS_NOTHING = {
+_BEHAVES = {
     "DEPTHAI_TELEMETRY": "0",
     "DEPTHAI_DISABLE_CRASHDUMP_COLLECTION": "1",
     "DEPTHAI_DISABLE_FEEDBACK": "1",
     "DEPTHAI_DISABLE_STARTUP_NOTIFICATIONS": "1",
+    "DEPTHAI_INSTALL_SIGNAL_HANDLER": "0",
 }
-"""What the SDK reads when it is loaded, lest it calls its maker: it sends ids and what it is used for otherwise."""
+"""What the SDK reads when it is loaded: lest it calls its maker, to whom it sends ids and what it is used for, and lest
+it ends the process where a file may not grow any more, which Python takes for a write that fails."""
 
 
 def require_sdk() -> None:
@@ -50,9 +52,12 @@ def require_sdk() -> None:
         )
 
 
-def refuse_telemetry() -> None:
-    """Let the SDK send nothing to its maker; to be called before it is loaded. Who has set a variable keeps theirs."""
-    for name, value in _SENDS_NOTHING.items():
+def restrain_sdk() -> None:
+    """Let the SDK send nothing to its maker, and leave signals alone; to be called before it is loaded.
+
+    Who has set a variable keeps theirs.
+    """
+    for name, value in _BEHAVES.items():
         os.environ.setdefault(name, value)
 
 
@@ -158,7 +163,7 @@ def intrinsics_of(colour: depthai.ImgFrame) -> CameraIntrinsics:
 
 def open_streams(device_id: str | None) -> OakStreams:
     """Start a camera. Raises SensorError where there is none, or it has no depth."""
-    refuse_telemetry()
+    restrain_sdk()
     import depthai
 
     # Asked first, for the SDK waits long for a camera that is not there.

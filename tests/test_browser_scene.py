@@ -306,6 +306,7 @@ def test_a_finding_is_shown_in_the_console_s_own_scene_where_none_is_open(page: 
     checked = {"stage": "done", "draft_version": 5, "percent": 100, "version": 5, "is_stale": False, "sentence": ""}
     page.route("**/api/check", lambda route: route.fulfill(json={**checked, "findings": [finding]}))
     page.goto(f"{console.ready.url}/checks")
+    page.locator("body:not([inert])").wait_for(state="attached")
     page.get_by_role("button", name="Show in the scene: The bar is narrow.").press("Enter")
     page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
     until(page, lambda: "bar" in selected_ids(console), "the scene to show the bar")

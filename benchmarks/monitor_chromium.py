@@ -30,15 +30,20 @@ _NOTE_MS = """
 """
 
 
+def chromium_path() -> str:
+    """Where Chromium is."""
+    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+    assert path is not None, "there is no Chromium here: apt-get install chromium"
+    return path
+
+
 async def look_with_chromium(
     url: str, cookie: str, device_id: str, from_s: float, until_s: float, *, with_scene: bool
 ) -> FloatArray:
     """Return, of each state drawn between two times (monotonic clock), the seconds from its capture to the screen."""
     name, value = cookie.split("=", 1)
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    assert path is not None, "there is no Chromium here: apt-get install chromium"
     async with async_playwright() as playwright:
-        browser = await playwright.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+        browser = await playwright.chromium.launch(executable_path=chromium_path(), args=list(_ARGUMENTS))
         context = await browser.new_context(viewport={"width": 1280, "height": 800})
         await context.add_cookies([{"name": name, "value": value, "url": url}])
         page = await context.new_page()

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import shutil
 import statistics
 import tempfile
 import time
@@ -22,18 +21,14 @@ from pathlib import Path
 from playwright.sync_api import Browser, Page, sync_playwright
 
 from benchmarks.editor import street_grid
+from benchmarks.monitor_chromium import chromium_path
 from console.config import ConsoleConfig
 from console.server import ConsoleServer
 from console.viewer.scene import Scene
 from navcore.site import save_site
 
 _ARGUMENTS = ("--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-gpu-compositing")
-_IS_DRAWN = """
-() => {
-  const node = (window.__viserMutable?.nodeRefFromName ?? {})['/graph/poi/p0/head'];
-  return Boolean(node);
-}
-"""
+_IS_DRAWN = "() => Boolean(window.__viserMutable?.nodeRefFromName?.['/graph/poi/p0/head'])"
 _FRAMES = """
 (during_ms) => new Promise((done) => {
   let count = 0;
@@ -98,8 +93,6 @@ def _wait_until_drawn(page: Page) -> None:
 
 def measure(arguments: argparse.Namespace, folder: Path) -> None:
     """Measure, and print."""
-    path = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-    assert path is not None, "there is no Chromium here: apt-get install chromium"
     save_site(street_grid(arguments.places, 2 * arguments.places, arguments.points), folder / "site")
     server = ConsoleServer(ConsoleConfig(folder / "site", folder / "data", port=0))
     accounts = server.services.accounts
@@ -119,7 +112,7 @@ def measure(arguments: argparse.Namespace, folder: Path) -> None:
                 choose()
                 # A browser of its own: what it has worked out for one window it keeps for the next.
                 with sync_playwright() as playwright:
-                    browser = playwright.chromium.launch(executable_path=path, args=list(_ARGUMENTS))
+                    browser = playwright.chromium.launch(executable_path=chromium_path(), args=list(_ARGUMENTS))
                     session = (f"vbr_session_{url.rsplit(':', 1)[1]}", session_id)
                     found[name].append(look(browser, url, session))
                     browser.close()

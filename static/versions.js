@@ -24,7 +24,8 @@ const refresh = inTurn(async () => {
   showSteps();
 });
 
-const { me, graph, begin } = await editorPage({ show: () => refresh().catch((error) => toast(error.message, { kind: "bad" })), heard, asked: () => checker.look() });
+let shown = null;
+const { me, graph, begin } = await editorPage({ show: () => { shown = refresh().catch((error) => toast(error.message, { kind: "bad" })); }, heard, asked: () => checker.look() });
 
 const when = (at_s) => new Date(at_s * 1000).toLocaleString(undefined, { dateStyle: "medium", timeStyle: "short" });
 
@@ -185,5 +186,5 @@ $("name-version").addEventListener("click", () => openForm({
 }));
 
 await graph.fetch();
-await Promise.all([refresh(), checker.look()]);
+await Promise.all([shown, checker.look()]);
 begin();

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from console_room import Person
-from playwright.sync_api import Browser, BrowserContext, Error, Frame, Page, sync_playwright
+from playwright.sync_api import Browser, BrowserContext, Error, Frame, Page, expect, sync_playwright
 
 ARGUMENTS = (
     "--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--disable-background-networking",
@@ -134,6 +134,12 @@ def until(page: Page, state: Callable[[], Any], what: str, wait_s: float = WAIT_
             return value
         assert time.monotonic() < end_s, f"waited {wait_s:g} s for: {what}"
         page.wait_for_timeout(POLL_MS)
+
+
+def opened(page: Page, path: str) -> None:
+    """Go to a page of the console, and wait until something can be pressed on it."""
+    page.goto(path)
+    expect(page.locator("body:not([inert])")).to_be_attached(timeout=1e3 * WAIT_S)
 
 
 def without_tour(context: BrowserContext, *names: str) -> None:

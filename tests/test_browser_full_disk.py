@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from accessibility import in_both_themes
-from browser import become, chromium
+from browser import become, chromium, opened
 from console_room import Person, first_admin, invited
 from playwright.sync_api import Browser, Page, expect
 from small_disk import SmallDisk
@@ -33,9 +33,9 @@ def page_of(browser: Browser, person: Person, name: str) -> Page:
     return context.new_page()
 
 
-def opened(page: Page, path: str) -> None:
-    page.goto(path)
-    expect(page.locator("body:not([inert])")).to_be_attached()
+def marked(page: Page, path: str) -> None:
+    """Go to a page, and mark it: whether it is still this one can be asked."""
+    opened(page, path)
     page.evaluate("window.isNotLoadedAnew = true")
 
 
@@ -47,7 +47,7 @@ def test_every_page_tells_of_a_full_disk_while_it_lasts(
         pages = {"Ada": page_of(browser, ada, "Ada"), "Vera": page_of(browser, invited(ada, "Vera", "viewer"), "Vera")}
         lines = {name: page.get_by_role("status").filter(has_text="is full, or nearly") for name, page in pages.items()}
         for name, page in pages.items():
-            opened(page, "/overview")
+            marked(page, "/overview")
             expect(page.locator("#alert-count")).to_have_text("No alerts")
             expect(lines[name]).to_have_count(0)
         disk.fill()
@@ -56,10 +56,10 @@ def test_every_page_tells_of_a_full_disk_while_it_lasts(
         assert str(disk.folder) not in pages["Vera"].content()
         assert in_both_themes(pages["Ada"], "a full disk") == []
         for path in pages_for("admin"):
-            opened(pages["Ada"], path)
+            marked(pages["Ada"], path)
             expect(lines["Ada"]).to_be_visible()
         lines["Ada"].get_by_role("link", name="Privacy").click()
-        opened(pages["Ada"], "/privacy")
+        marked(pages["Ada"], "/privacy")
         expect(lines["Ada"]).to_be_visible()
         disk.free()
         for name, page in pages.items():

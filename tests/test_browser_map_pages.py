@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from browser import become, chromium, until
+from browser import become, chromium, opened, until
 from console_room import first_admin
 from playwright.sync_api import Browser, Page, Route, expect
 
@@ -60,12 +60,6 @@ def page(browser: Browser, server: ConsoleServer) -> Iterator[Page]:
     yield opened
     context.close()
     assert failures == []
-
-
-def opened(page: Page, path: str) -> None:
-    """Go to a page, and wait until something can be pressed on it."""
-    page.goto(path)
-    expect(page.locator("body:not([inert])")).to_be_attached()
 
 
 def answering(page: Page, path: str, answer: Callable[[str, Any], Any]) -> list[Any]:

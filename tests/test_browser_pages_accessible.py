@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from accessibility import in_both_themes
-from browser import become_admin, chromium, until
+from browser import become_admin, chromium, opened, until
 from console_room import serving
 from playwright.sync_api import Browser, Page, expect
 
@@ -42,10 +42,9 @@ def signed_in(browser: Browser, server: ConsoleServer, *, sees_tour: bool = Fals
     return page
 
 
-def opened(page: Page, path: str) -> None:
+def opened_anew(page: Page, path: str) -> None:
     page.goto("about:blank")
-    page.goto(path)
-    expect(page.locator("body:not([inert])")).to_be_attached(timeout=60_000)
+    opened(page, path)
 
 
 def test_themes_differ_in_colours_alone() -> None:
@@ -76,7 +75,7 @@ def test_no_page_has_a_fault_with_data_or_empty(
         for name, one in (("with data", server), ("empty", bare)):
             page = signed_in(browser, one)
             for path in PAGES:
-                opened(page, path)
+                opened_anew(page, path)
                 found += in_both_themes(page, f"{path} {name}")
             page.context.close()
     assert found == []
@@ -115,7 +114,7 @@ def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, se
     shown = ""
     for path, open_it in DIALOGS:
         if path != shown:
-            opened(page, path)
+            opened_anew(page, path)
             shown = path
         open_it(page)
         dialog = page.get_by_role("dialog")
@@ -130,7 +129,7 @@ def test_no_dialog_has_a_fault_and_each_is_left_with_escape(browser: Browser, se
         page.keyboard.press("Escape")
         expect(page.get_by_role("dialog")).to_have_count(0)
     found += in_both_themes(page, "a page")
-    opened(page, "/pois")
+    opened_anew(page, "/pois")
     press("Edit Hall")(page)
     page.get_by_role("dialog").get_by_label("Name").fill("Great hall")
     server.services.model.apply(UpdatePoi("a", name="Lobby"), "Bea")
@@ -154,7 +153,7 @@ def test_the_tour_keeps_the_focus_goes_by_keys_and_comes_once(browser: Browser, 
             assert page.evaluate(FOCUS_IS_IN_TOUR)
         tour.get_by_role("button", name="Next").or_(tour.get_by_role("button", name="Done")).press("Enter")
     expect(tour).to_have_count(0)
-    opened(page, "/pois")
+    opened_anew(page, "/pois")
     expect(page.locator("#places tr")).to_have_count(2)
     assert page.locator("dialog.tour").count() == 0
     page.keyboard.press("?")

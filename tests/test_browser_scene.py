@@ -11,7 +11,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
-from browser import SceneHands, become, chromium, until
+from browser import SceneHands, become, chromium, opened, until
 from console_room import first_admin
 from playwright.sync_api import Browser, Page
 from viewer_site import crossing_corridors
@@ -305,8 +305,7 @@ def test_a_finding_is_shown_in_the_console_s_own_scene_where_none_is_open(page: 
     }  # fmt: skip
     checked = {"stage": "done", "draft_version": 5, "percent": 100, "version": 5, "is_stale": False, "sentence": ""}
     page.route("**/api/check", lambda route: route.fulfill(json={**checked, "findings": [finding]}))
-    page.goto(f"{console.ready.url}/checks")
-    page.locator("body:not([inert])").wait_for(state="attached")
+    opened(page, f"{console.ready.url}/checks")
     page.get_by_role("button", name="Show in the scene: The bar is narrow.").press("Enter")
     page.wait_for_url(lambda url: url.rstrip("/").count("/") == 2)
     until(page, lambda: "bar" in selected_ids(console), "the scene to show the bar")

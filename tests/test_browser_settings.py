@@ -91,6 +91,14 @@ def page() -> Iterator[Page]:
         context.close()
 
 
+def to_settings(page: Page, server: ConsoleServer) -> None:
+    """Come in for the first time, and open the page once the device's settings are on it."""
+    assert server.ready.first_link is not None
+    become_admin(page, server.ready.first_link)
+    page.goto(server.ready.url + "/settings")
+    page.locator("#gate-clearance_m:enabled").wait_for()
+
+
 def put(page: Page, key: str, value: str) -> None:
     """Type a number, and leave the field."""
     page.locator(f"#setting-{key.replace('.', '-')} input[type=number]").fill(value)
@@ -99,10 +107,7 @@ def put(page: Page, key: str, value: str) -> None:
 
 def test_settings_are_drafted_judged_tried_out_and_kept(tmp_path: Path, small_site: Site, page: Page) -> None:
     with room(tmp_path, small_site) as (server, glasses):
-        assert server.ready.first_link is not None
-        become_admin(page, server.ready.first_link)
-        page.goto(server.ready.url + "/settings")
-        page.locator("#gate-clearance_m:enabled").wait_for()
+        to_settings(page, server)
         # Out of range, and out of order with another one: said beside the field, and nothing can be applied.
         put(page, "gate.clearance_m", "99")
         assert "from 0.5 to 4" in page.locator("#gate-clearance_m-problem").inner_text()
@@ -159,10 +164,7 @@ def test_an_answer_that_comes_late_or_not_at_all_does_not_stay_on_the_page(
     tmp_path: Path, small_site: Site, page: Page
 ) -> None:
     with room(tmp_path, small_site) as (server, glasses):
-        assert server.ready.first_link is not None
-        become_admin(page, server.ready.first_link)
-        page.goto(server.ready.url + "/settings")
-        page.locator("#gate-clearance_m:enabled").wait_for()
+        to_settings(page, server)
         put(page, "gate.clearance_m", "1.5")
         page.locator("#draft-apply").click()
         page.get_by_role("dialog").get_by_role("button", name="Try it out").click()

@@ -92,6 +92,13 @@ def _chair() -> Actor:
     return thing(chair("#7a3f4d"), *marks, cue_m=(X_M, Y_M, 3.2))
 
 
+def _pushed_board() -> Actor:
+    """It is pushed up to whoever has been stopped before it; so near, it is out of the image."""
+    board = box((2.3, 0.3, 0.25), "veneer/#b58a5a:carton", front="poster/carton", name="board")
+    marks = Mark(0.0, 7.0, 15.0), Mark(8.0, 7.0, 15.0), Mark(9.0, 4.0, 15.0)
+    return thing(board, *marks, cue_m=(7.0, 15.0, 1.4))
+
+
 def _people_across() -> tuple[Actor, ...]:
     return tuple(
         person(((X_M + x, Y_M), (X_M + x, 14.0 + x / 2), (21.0, 14.0 + x / 2)), 1.2, (X_M, Y_M, 3.2), after_s=8.0)
@@ -131,6 +138,9 @@ SCENES = {
     "blocked, another way": Scene(pieces=(_ACROSS.moved(X_M, Y_M),), limit_s=150.0),
     "blocked, no other way": Scene(
         Start(7.0, 11.0, math.pi / 2), "Room 3311", (7.0, 16.9), (_ACROSS.moved(7.0, 15.0),), limit_s=60.0
+    ),
+    "gone from the feet": Scene(
+        Start(7.0, 11.0, math.pi / 2), "Room 3311", (7.0, 16.9), actors=lambda: (_pushed_board(),), limit_s=120.0
     ),
     "person coming": Scene(actors=lambda: (oncomer(X_M, 13.6, -90.0, 0.85),)),
     "door closing": Scene(pieces=_frame(), actors=lambda: (_sliding_door(),)),

@@ -28,7 +28,7 @@ from navcore.geometry import Transform
 from navcore.guide import guide
 from navcore.modes import Mode
 from navcore.obstacle.approach import anticipated, closing_speed_m_s, with_scan
-from navcore.obstacle.memory import remember, remember_heard, with_memory
+from navcore.obstacle.memory import is_hidden_ahead, remember, remember_heard, with_memory
 from navcore.obstacle.mounting import FloorFinder, find_floor
 from navcore.obstacle.scan import Scanner
 from navcore.obstacle.scan import scan as scan_depth
@@ -42,6 +42,7 @@ from navcore.types import (
     Localization,
     LocalizationQuality,
     ObstacleScan,
+    Pose2D,
     Reason,
     Rule,
     SonarReading,
@@ -240,13 +241,13 @@ def _with_what_was_seen(
     """
     located, pose, settings = place.located, place.located.pose, state.settings
     if pose is None or located.quality is LocalizationQuality.LOST:
-        return replace(state, recent_scans=()), scan
+        return replace(state, recent_scans=(), is_hidden_ahead=False), scan
     if place.is_held:
         # Who was coming a moment ago still is.
         closing_m_s = closing_speed_m_s(state.recent_scans)
         is_alike = len(closing_m_s) == len(scan.bearing_rad)
         coming = anticipated(scan, closing_m_s, settings.obstacle) if is_alike else scan
-        return state, with_memory(coming, state.obstacles.and_also(state.heard), pose, settings.obstacle)
+        return _closed_by_memory(state, coming, pose)
     echo_m = echo_distance_m(current_reading(sonar, stamp_s, settings.gate))
     half_field_rad = math.radians(settings.gate.half_field_deg)
     looks_rad = 0.0 if sonar is None else sonar.bearing_rad
@@ -256,7 +257,13 @@ def _with_what_was_seen(
     recent = with_scan(state.recent_scans, scan, pose, stamp_s) if sure else ()
     state = replace(state, obstacles=obstacles, heard=heard, recent_scans=recent)
     coming = anticipated(scan, closing_speed_m_s(recent), settings.obstacle)
-    return state, with_memory(coming, obstacles.and_also(heard), pose, settings.obstacle)
+    return _closed_by_memory(state, coming, pose)
+
+
+def _closed_by_memory(state: DeviceState, scan: ObstacleScan, pose: Pose2D) -> tuple[DeviceState, ObstacleScan]:
+    settings = state.settings.obstacle
+    state = replace(state, is_hidden_ahead=is_hidden_ahead(scan, state.obstacles, pose, settings))
+    return state, with_memory(scan, state.obstacles.and_also(state.heard), pose, settings)
 
 
 def _sonar(

@@ -90,6 +90,18 @@ class BlockedPlace:
 
 
 @dataclass(frozen=True, slots=True)
+class StepBack:
+    """The walker was sent back a little, to look from there at what no image showed any more."""
+
+    since_s: float
+    x_m: float
+    y_m: float
+    """Where they stood."""
+    route_version: int
+    """Of the way back."""
+
+
+@dataclass(frozen=True, slots=True)
 class Overridden:
     """What the walker was on their way to before somebody at the console chose another place."""
 
@@ -163,6 +175,10 @@ class DeviceState:
     off_route_since_s: float | None = None
     blocked: tuple[BlockedPlace, ...] = ()
     """Places where something stood in the way, newest last."""
+    is_hidden_ahead: bool = False
+    """What is nearest ahead is remembered only: no image shows whether it is still there."""
+    step_back: StepBack | None = None
+    """The last time that the walker was sent back to look again, on this way or an earlier one."""
     told_blocked_s: float | None = None
     """When the walker was told that the way is blocked and that there is no other; None once they walk again."""
     way_finder: WayFinder | None = None

@@ -4,6 +4,7 @@ What is planned anew, and when: ::
 
     a destination is wanted, or an edge of the way was closed   -> at once, as soon as the place is known for sure
     something blocks the way for blocked_hold_s                 -> round it; where there is no other way, that is said
+    ... at the walker's feet, where no image shows it           -> first a few steps back, to look from there
     the walker is off the route for replan_hold_s               -> from where they are now
 """
 
@@ -11,7 +12,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from device_agent.state import BlockedPlace, DeviceState, Effect, Happened, Notice, Step
+from device_agent import step_back
+from device_agent.state import BlockedPlace, DeviceState, Effect, Happened, Notice, Step, StepBack
 from device_agent.states import StateEvent
 from device_agent.transitions import happen, mode_event
 from device_agent.whereabouts import finder_of
@@ -35,7 +37,14 @@ def plan_if_needed(state: DeviceState, pose: Pose2D | None, now_s: float) -> Ste
     state = _watched(state, now_s)
     if state.destination_id is None or state.route is None:
         return state, ()
+    if step_back.is_under_way(state) and step_back.is_far_enough(state, pose):
+        return _on_again(_with_finder(state), pose, state.destination_id, now_s)
     if _is_blocked(state, now_s):
+        if step_back.is_under_way(state):
+            return _on_again(_with_finder(state), pose, state.destination_id, now_s)
+        back = step_back.way_back(state) if step_back.helps(state, now_s) else None
+        if back is not None:
+            return _led_back(state, back, pose, now_s)
         return _round(_with_finder(state), pose, state.destination_id, now_s)
     since_s = state.off_route_since_s
     if since_s is None or now_s - since_s < state.settings.planning.replan_hold_s:
@@ -133,6 +142,26 @@ def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) 
     state = _with_route(state, route)
     happened = Happened("mode", f"The way is blocked: another one, {route.length_m:.0f} m, is taken.")
     return state, (_notice(state, "way_blocked"), happened, route_message(state, now_s))
+
+
+# ------------------------------------------------------------------------------------------- a few steps back
+def _led_back(state: DeviceState, back: Route, pose: Pose2D, now_s: float) -> Step:
+    state = _with_route(state, back)
+    state = replace(state, step_back=StepBack(now_s, pose.x_m, pose.y_m, state.route_version))
+    # Once the walker looks again it must not be said late.
+    told = Notice(TEXTS[state.settings.cues.language]["way_look_again"], answers=True)
+    happened = Happened("mode", "What is at the walker's feet is out of sight: they go back a little to look again.")
+    return state, (told, happened, route_message(state, now_s))
+
+
+def _on_again(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
+    """Lead on from where the walker has come to, going back; the way is planned as if nothing had been in it."""
+    try:
+        route = _route_anyhow(state, pose, destination_id, now_s)
+    except PlanningError as error:
+        return _refused(state, destination_id, str(error), now_s)
+    state = _with_route(state, route)
+    return state, (Happened("mode", "Looking again at what was out of sight."), route_message(state, now_s))
 
 
 # -------------------------------------------------------------------------------------------------------- parts

@@ -215,6 +215,9 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
         remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
         corner=corner_ahead(route, there.closest_index, there.goal, trace.speed_m_s, follower),
     )  # fmt: skip
+    if not route.leads_to_destination and has_arrived(there.goal, pose, follower):
+        why = _Why(Rule.NOTHING_FREE, "the steps back end here, and no way on has been planned yet")
+        return cycle.stop(Reason.NO_CANDIDATE, trace, why)
     if has_arrived(there.goal, pose, follower):
         why = _Why(Rule.ARRIVED, f"case 3: nearer than {follower.arrival_distance_m:g} m")
         return cycle.stop(Reason.ARRIVED, trace, why)

@@ -260,6 +260,8 @@ class Route:
     """PoIs in the order in which the route passes them; the last is the destination."""
     pieces: tuple[RoutePiece, ...] = ()
     """The edges of the PoI-graph that it runs along, in order; they join without a gap."""
+    leads_to_destination: bool = True
+    """False for a few steps back: nobody arrives at their end."""
 
     @property
     def length_m(self) -> float:

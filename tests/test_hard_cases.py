@@ -103,8 +103,18 @@ def pulled_chair() -> Actor:
     return thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 3.2))
 
 
+def low_board() -> Actor:
+    """It lies across the corridor, and is taken away to the side once the walker has stood before it for a while."""
+    marks = Mark(0.0, 4.5, 0.0), Mark(14.0, 4.5, 0.0), Mark(15.0, 4.5, -2.6)
+    return thing(solid(0.15, 1.2, 0.25), *marks, cue_m=(4.5, 0.0, 1.5))
+
+
 DOOR_WAY = (*CORRIDOR_WALLS, box(4.95, -1.2, 5.05, -0.6), box(4.95, 0.6, 5.05, 1.2))
 SOON = {"planning.blocked_hold_s": 5.0}
+UP_TO_THE_FEET = SOON | {
+    "obstacle.clearance_m": 1.2, "obstacle.narrow_clearance_m": 0.8, "obstacle.stop_distance_m": 0.7,
+}  # fmt: skip
+"""People are stopped so late that what is low has left the image by then."""
 ACROSS = box(4.5, -1.2, 4.7, 1.2)
 
 SCENES = {
@@ -118,6 +128,7 @@ SCENES = {
     ),
     "blocked, another way": Scene((*RING_WALLS, ACROSS), RING, settings=SOON, limit_s=80.0),
     "blocked, no other way": Scene((*CORRIDOR_WALLS, ACROSS), settings=SOON, limit_s=30.0),
+    "gone from the feet": Scene(actors=lambda: (low_board(),), settings=UP_TO_THE_FEET, limit_s=80.0),
     "person coming": Scene(actors=lambda: (oncomer(12.0, 0.0, 180.0, 0.9),)),
     "door closing": Scene(DOOR_WAY, actors=lambda: (sliding_door(),)),
     "glass door": Scene(

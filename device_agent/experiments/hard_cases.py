@@ -38,7 +38,9 @@ class Expected:
     """At least one of them is."""
     says: tuple[str, ...] = ()
     """Each of these texts (by its key) is heard."""
-    never_says: tuple[str, ...] = ("way_blocked", "way_blocked_wait", "way_anew", "sonar_lost")
+    never_says: tuple[str, ...] = (
+        "way_blocked", "way_blocked_wait", "way_look_again", "way_anew", "sonar_lost"
+    )  # fmt: skip
     """None of them is, unless it is said above."""
     routes: int = 1
     """So many routes are walked by, one after the other."""
@@ -97,6 +99,14 @@ HARD_CASES = (
         "Something that stays stands across the only way.",
         "waits, is told that there is no other, stands",
         Expected(False, stops_for_one_of=_SOMETHING_SEEN, says=("way_blocked_wait",), ends=Reason.OBSTACLE_DEPTH),
+    ),
+    HardCase(
+        "gone from the feet", "corridor blocked",
+        "Something low lies across the only way, and is taken away while the walker stands so near that no image shows it.",
+        "waits, is led back a little to look again, arrives",
+        Expected(
+            stops_for_one_of=_SOMETHING_SEEN, turns=(TurnKind.AROUND,), says=("way_look_again",), routes=3
+        ),
     ),
     HardCase(
         "person coming", "a person walking towards",

@@ -103,7 +103,7 @@ _ANSWERS = (
     *(f"mode_{mode.value}" for mode in Mode), "mode_no_map",
     "on_duty", "off_duty", "map_offered", "map_begun", "map_begun_console", "map_place",
     "map_marked", "map_ended", "map_ended_console",
-    "destination", "destination_console", "the_console",
+    "destination", "destination_console", "the_console", "way_look_again",
     *(f"refused_{why}" for why in (
         "off_duty", "on_duty", "no_map", "mapping", "no_map_walk", "not_led", "led", "paused", "not_paused",
     )),

@@ -54,6 +54,7 @@ _UNSEEN_MARGIN_M = 0.4
 """An echo that is so much nearer than all that the image shows about it comes from what the image does not show."""
 _ABOUT_RAD = math.radians(10.0)
 _INSIDE_IMAGE = 0.95
+_HIDDEN_MARGIN_M = 0.2
 _MAX_PLACES = 4000
 _HEARD_TOP_M = math.inf
 
@@ -161,6 +162,14 @@ def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settin
         unseen_rad=bearing_rad,
         unseen_m=range_m,
     )
+
+
+def is_hidden_ahead(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settings: ObstacleSettings) -> bool:
+    """Return whether the nearest thing straight ahead is remembered, and nearer than all that the image shows."""
+    bearing_rad, range_m = seen_from(pose, memory.places_m[memory.seen_count >= _SEEN_TWICE])
+    remembered_m = clearance_ahead_m(bearing_rad, range_m, settings.person_width_m, MAX_RANGE_M)
+    shown_m = MAX_RANGE_M if scan.nearest_ahead_m is None else scan.nearest_ahead_m
+    return remembered_m < shown_m - _HIDDEN_MARGIN_M
 
 
 def _closed(

@@ -16,7 +16,7 @@ import math
 import sys
 import tempfile
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -61,6 +61,13 @@ class Scene:
     scenario: Scenario = ORDINARY
     graph: Callable[[PoiGraph], PoiGraph] = lambda graph: graph
     limit_s: float = 60.0
+    settings: dict[str, float] = field(default_factory=dict)
+
+
+UP_TO_THE_FEET = {
+    "obstacle.clearance_m": 1.2, "obstacle.narrow_clearance_m": 0.8, "obstacle.stop_distance_m": 0.7,
+}  # fmt: skip
+"""People are stopped so late that what is low has left the image by then."""
 
 
 def _choose_another(moment: Moment) -> None:
@@ -92,11 +99,11 @@ def _chair() -> Actor:
     return thing(chair("#7a3f4d"), *marks, cue_m=(X_M, Y_M, 3.2))
 
 
-def _pushed_board() -> Actor:
-    """It is pushed up to whoever has been stopped before it; so near, it is out of the image."""
+def _low_board() -> Actor:
+    """It lies across the way, and is taken away to the side once the walker has stood before it for a while."""
     board = box((2.3, 0.3, 0.25), "veneer/#b58a5a:carton", front="poster/carton", name="board")
-    marks = Mark(0.0, 7.0, 15.0), Mark(8.0, 7.0, 15.0), Mark(9.0, 4.0, 15.0)
-    return thing(board, *marks, cue_m=(7.0, 15.0, 1.4))
+    marks = Mark(0.0, 7.0, 15.0), Mark(20.0, 7.0, 15.0), Mark(21.0, 4.0, 15.0)
+    return thing(board, *marks, cue_m=(7.0, 15.0, 1.6))
 
 
 def _people_across() -> tuple[Actor, ...]:
@@ -140,7 +147,8 @@ SCENES = {
         Start(7.0, 11.0, math.pi / 2), "Room 3311", (7.0, 16.9), (_ACROSS.moved(7.0, 15.0),), limit_s=60.0
     ),
     "gone from the feet": Scene(
-        Start(7.0, 11.0, math.pi / 2), "Room 3311", (7.0, 16.9), actors=lambda: (_pushed_board(),), limit_s=120.0
+        Start(7.0, 11.0, math.pi / 2), "Room 3311", (7.0, 16.9), actors=lambda: (_low_board(),), limit_s=120.0,
+        settings=UP_TO_THE_FEET,
     ),
     "person coming": Scene(actors=lambda: (oncomer(X_M, 13.6, -90.0, 0.85),)),
     "door closing": Scene(pieces=_frame(), actors=lambda: (_sliding_door(),)),
@@ -187,8 +195,8 @@ def walked(site: Site, name: str, policy: str, seed: int) -> Outcome:
 
     result = run_walk(
         replace(site, poi_graph=scene.graph(site.poi_graph)), building, scene.start, scene.goal,
-        settings=Settings().changed({"follower.policy": policy}), seed=seed, walker=drawn_walker(seed),
-        max_s=scene.limit_s, rate_hz=RATE_HZ, size_px=SIZE_PX,
+        settings=Settings().changed({"follower.policy": policy, **scene.settings}),
+        seed=seed, walker=drawn_walker(seed), max_s=scene.limit_s, rate_hz=RATE_HZ, size_px=SIZE_PX,
         renderer=renderer.with_movers(building.mover_surfaces), scenario=scene.scenario, meanwhile=meanwhile,
     )  # fmt: skip
     distance_m = math.dist((bodies[0].x_m, bodies[0].y_m), scene.goal_m)

@@ -18,7 +18,7 @@ from navcore.planning.road_joining import evenly_spaced
 from navcore.types import Pose2D, Route
 
 BACK_M = 1.5
-"""From here, what was at the feet is in the image again; it is remembered still (see :mod:`navcore.obstacle.memory`)."""
+"""From here, what was at the feet is in the image again, and still remembered (:mod:`navcore.obstacle.memory`)."""
 _ROUTE_M, _SHORTEST_M = 5.0, 2.4
 """The way back is longer than it is walked: who reacts slowly must not come to its end."""
 _ELSEWHERE_M = 3.0

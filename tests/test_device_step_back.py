@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 
+import msgspec
+import numpy as np
 import pytest
-from test_device_way import HOLD_S, SETTINGS, at, blocked, heard, leading, ring, standing
+from test_device_way import HOLD_S, SETTINGS, at, heard, leading, ring, standing
 
 from device_agent import step_back
 from device_agent.orders import carry_out
 from device_agent.state import DeviceState, Notice
 from device_agent.way import plan_if_needed
+from navcore.geometry import world_from_camera_at
 from navcore.guide import guide
 from navcore.planning.poi_graph import PoiGraph
 from navcore.types import (
@@ -108,23 +110,13 @@ def test_nobody_is_sent_back_from_the_same_place_twice():
 )
 def test_where_no_way_leads_back_it_is_waited(why: str, x_m: float, one_way: bool):
     graph = ring("ab")
-    edge = graph.edges["ab"]
-    graph = replace_edges(graph, edge_with(edge, one_way=one_way))
+    edge = msgspec.structs.replace(graph.edges["ab"], one_way=one_way)
+    graph = PoiGraph(1, graph.pois, {"ab": edge})
     state, _ = carry_out(DeviceState(SETTINGS, graph), SetDestination("b"), 0.0)
     state, _ = plan_if_needed(state, at(x_m), 0.0)
     state = standing(state, Action.STOP, Reason.OBSTACLE_DEPTH, 0.0, nearest_ahead_m=0.5, position=(x_m, 0.0))
     step = plan_if_needed(replace(state, is_hidden_ahead=True), at(x_m), HOLD_S)
     assert heard(step) == ["The way is blocked, and there is no other. Wait, or ask for help."], why
-
-
-def edge_with(edge, **changes):
-    import msgspec
-
-    return msgspec.structs.replace(edge, **changes)
-
-
-def replace_edges(graph: PoiGraph, *edges) -> PoiGraph:
-    return PoiGraph(graph.version, graph.pois, {edge.id: edge for edge in edges})
 
 
 def test_another_destination_ends_it():
@@ -136,18 +128,15 @@ def test_another_destination_ends_it():
 
 def test_nobody_arrives_at_the_end_of_the_way_back():
     state = led_back()
-    bearing_rad = [math.radians(degrees) for degrees in range(-30, 31)]
-    import numpy as np
-
-    scan = ObstacleScan(
-        np.array(bearing_rad), np.full(61, np.inf), np.full(61, BearingState.FREE, np.int8), (), None, 1.0
-    )
+    bearing_rad = np.radians(np.arange(-30.0, 31.0))
+    free = np.full(61, BearingState.FREE, np.int8)
+    scan = ObstacleScan(bearing_rad, np.full(61, np.inf), free, (), 1.0)
     pose = Pose2D(1.2, 0.0, at(0.0, heading_deg=180.0).heading)
-    from navcore.geometry import world_from_camera_at
-
     located = Localization(
         50.0, LocalizationQuality.LOCALIZED, world_from_camera_at((pose.x_m, pose.y_m, 1.6), pose.heading, 0.26)
     )
+    assert state.route is not None
+    assert state.guidance is not None
     before = DecisionTrace(closest_index=len(state.route.points_m) - 3)
     previous = replace(state.guidance, trace=before)
     said = guide(50.0, located, state.route, scan, None, previous, SETTINGS, route_version=state.route_version)

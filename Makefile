@@ -26,7 +26,8 @@ $(INSTALLED): requirements.lock pyproject.toml .ci/install
 	@touch $@
 
 $(CAMERAS_INSTALLED): requirements-cameras.lock $(INSTALLED)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-cameras.lock
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes --no-deps --no-compile \
+		-r requirements-cameras.lock
 	@touch $@
 
 demo: install ## walk through the simulated building, watched in the browser

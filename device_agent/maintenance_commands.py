@@ -140,8 +140,8 @@ def _print_table() -> None:
 
 def _warm_up(arguments: argparse.Namespace) -> int:
     from device_agent.progress import progress_bar
-    from device_agent.warm_up import warm_up
+    from device_agent.warm_up import warm_up_side_by_side
 
     with progress_bar("Compiling") as report:
-        warm_up(report)
+        warm_up_side_by_side(report)
     return 0

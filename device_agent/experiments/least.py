@@ -83,13 +83,14 @@ def _forced_mean_m(walks: Sequence[Figures], needed_m: float) -> float | None:
     swayed = [_sway_m(stations, left, np.array(walk.path_m)) for walk in walks]
     # Who has arrived is stopped before the end, which may lie nearer to a wall than a person needs.
     walked = max(int(at.max()) for at, _ in swayed) + 1
-    line_m = least_line_m(stations[:walked], left[:walked], _course(walks[0].path), needed_m)
+    line_m = least_line_m(stations[:walked], left[:walked], course_of(walks[0].path), needed_m)
     if line_m is None:
         return None
     return float(np.concatenate([np.abs(line_m[at] + sway_m) for at, sway_m in swayed]).mean())
 
 
-def _course(path: str) -> DistanceTo:
+def course_of(path: str) -> DistanceTo:
+    """Return how near to anything that stands on a path a point of the building is, an open hatch included."""
     solids, hole = touchable(with_course(office_floor(), path).solids), COURSES[path].hole_m
 
     def distance_to(x_m: float, y_m: float) -> float:

@@ -149,7 +149,9 @@ def _from_place(timeline: WalkTimeline, routes: list[RouteChanged]) -> str:
 def _to_place(timeline: WalkTimeline, routes: list[RouteChanged]) -> str:
     if not routes:
         return ""
-    return routes[-1].stops[-1][0] if routes[-1].stops else _place_near(timeline, routes[-1].points_m[-1])
+    # A few steps back, to look again, lead to no place.
+    last = next((route for route in reversed(routes) if route.stops), routes[-1])
+    return last.stops[-1][0] if last.stops else _place_near(timeline, last.points_m[-1])
 
 
 def _place_near(timeline: WalkTimeline, point_m: tuple[float, float]) -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import msgspec
 
+from device_agent import step_back
 from device_agent.led_by import led_by
 from device_agent.ports import ButtonPress
 from device_agent.privacy import taken
@@ -118,7 +119,7 @@ def at_rest(state: DeviceState) -> Step:
         # The route and all that is remembered belong to the old map's frame of reference.
         state = replace(
             state, waiting_map=None, site_id=prepared.site.site_id, map_checksum=prepared.checksum,
-            obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(),
+            obstacles=ObstacleMemory(), heard=ObstacleMemory(), recent_scans=(), is_hidden_ahead=False, step_back=None,
             graph=prepared.site.poi_graph, route=None, guidance=None, trail=(), off_route_since_s=None, blocked=(),
             located=None, fixes=(), sure=None,
         )  # fmt: skip
@@ -172,6 +173,8 @@ def _closed_under_way(state: DeviceState, published: PoiGraph) -> Step:
         return state, ()
     edges = {key: msgspec.structs.replace(edge, closed=edge.closed or key in newly) for key, edge in known.items()}
     state = replace(state, graph=msgspec.structs.replace(state.graph, edges=edges))
+    if step_back.is_under_way(state):
+        return _closed_while_led_back(state, newly)
     here, route = state.place_ahead(0.0), state.route
     if route is None or not newly & _edges_ahead(state):
         return state, ()
@@ -180,6 +183,20 @@ def _closed_under_way(state: DeviceState, published: PoiGraph) -> Step:
         state = replace(state, blocked=(*state.blocked, BlockedPlace(-math.inf, ahead, until_rest=True)))
     text = TEXTS[state.settings.cues.language]["way_closed"]
     happened = Happened("mode", "An edge of the way was closed: another way is looked for.")
+    return replace(state, wanted_id=state.wanted_id or state.destination_id), (Notice(text), happened)
+
+
+def _closed_while_led_back(state: DeviceState, newly: set[str]) -> Step:
+    """Whoever is led back a little is led on by another way at once, where that on which they stood was closed.
+
+    Where the closed edge is another one, the way on is planned without it anyhow.
+    """
+    place = None if state.step_back is None else state.step_back.place
+    if place is None or place.edge_id not in newly:
+        return state, ()
+    state = replace(state, blocked=(*state.blocked, BlockedPlace(-math.inf, place, until_rest=True)))
+    text = TEXTS[state.settings.cues.language]["way_closed"]
+    happened = Happened("mode", "The edge ahead was closed while the walker was led back: another way is looked for.")
     return replace(state, wanted_id=state.wanted_id or state.destination_id), (Notice(text), happened)
 
 

@@ -99,6 +99,8 @@ class StepBack:
     """Where they stood."""
     route_version: int
     """Of the way back."""
+    place: Blockage | None = None
+    """On the road, just before them; None where it is unknown."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -146,8 +146,9 @@ def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) 
 
 # ------------------------------------------------------------------------------------------- a few steps back
 def _led_back(state: DeviceState, back: Route, pose: Pose2D, now_s: float) -> Step:
+    place = state.place_ahead(_NEAREST_BLOCK_M)
     state = _with_route(state, back)
-    state = replace(state, step_back=StepBack(now_s, pose.x_m, pose.y_m, state.route_version))
+    state = replace(state, step_back=StepBack(now_s, pose.x_m, pose.y_m, state.route_version, place))
     # Once the walker looks again it must not be said late.
     told = Notice(TEXTS[state.settings.cues.language]["way_look_again"], answers=True)
     happened = Happened("mode", "What is at the walker's feet is out of sight: they go back a little to look again.")
@@ -158,8 +159,9 @@ def _on_again(state: DeviceState, pose: Pose2D, destination_id: str, now_s: floa
     """Lead on from where the walker has come to, going back; the way is planned as if nothing had been in it."""
     try:
         route = _route_anyhow(state, pose, destination_id, now_s)
-    except PlanningError as error:
-        return _refused(state, destination_id, str(error), now_s)
+    except PlanningError:
+        # It is tried again in the next cycle; at the end of the way back the walker is stopped.
+        return state, ()
     state = _with_route(state, route)
     return state, (Happened("mode", "Looking again at what was out of sight."), route_message(state, now_s))
 

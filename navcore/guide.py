@@ -74,6 +74,7 @@ _STANDS_AFTER_S = 1.0
 """Who was told not to walk on has heard it and stands so long after: reaction, then braking."""
 _BODY_M = 0.25
 """From the camera to the front of the body."""
+_BACK_ENDS_M = 0.3
 _USUAL_SPEED_M_S, _GAINS_M_S2 = 0.85, 0.6
 """Blind pedestrians walk at 0.6 to 1.1 m/s (D. Clark-Carter et al., Ergonomics 29, 1986), two or three steps after
 they have begun."""
@@ -209,16 +210,17 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     # Who is not sure where they are is not led beside the road.
     known = cycle.scan if trace.uncertain_since_s is None else None
     there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, known, cycle.settings)
+    left_m = route.length_m - float(route.arc_length_m[there.closest_index])
     trace = replace(
         trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
         deviation_m=there.deviation_m, offset_m=there.offset_m,
-        remaining_m=route.length_m - float(route.arc_length_m[there.closest_index]),
+        remaining_m=left_m if route.leads_to_destination else None,
         corner=corner_ahead(route, there.closest_index, there.goal, trace.speed_m_s, follower),
     )  # fmt: skip
-    if not route.leads_to_destination and has_arrived(there.goal, pose, follower):
-        why = _Why(Rule.NOTHING_FREE, "the steps back end here, and no way on has been planned yet")
+    if not route.leads_to_destination and left_m < _BACK_ENDS_M:
+        why = _Why(Rule.NO_ROUTE, "the steps back end here, and no way on has been planned yet")
         return cycle.stop(Reason.NO_CANDIDATE, trace, why)
-    if has_arrived(there.goal, pose, follower):
+    if route.leads_to_destination and has_arrived(there.goal, pose, follower):
         why = _Why(Rule.ARRIVED, f"case 3: nearer than {follower.arrival_distance_m:g} m")
         return cycle.stop(Reason.ARRIVED, trace, why)
     error = relative_to(there.expected, pose.heading)

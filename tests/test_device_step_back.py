@@ -7,15 +7,16 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 import pytest
-from test_device_way import HOLD_S, SETTINGS, at, heard, leading, ring, standing
+from test_device_way import HOLD_S, SETTINGS, at, heard, leading, ring, standing, stops
 
 from device_agent import step_back
 from device_agent.orders import carry_out
-from device_agent.state import DeviceState, Notice
+from device_agent.state import BlockedPlace, DeviceState, Notice
 from device_agent.way import plan_if_needed
 from navcore.geometry import world_from_camera_at
 from navcore.guide import guide
 from navcore.planning.poi_graph import PoiGraph
+from navcore.planning.way_finding import Blockage
 from navcore.types import (
     Action,
     BearingState,
@@ -28,9 +29,9 @@ from navcore.types import (
     Route,
     TurnKind,
 )
-from navcore.wire import SetDestination
+from navcore.wire import PublishGraph, SetDestination
 
-TOLD = "Go back a little to look again."
+TOLD = "Looking again from farther back."
 
 
 def at_the_feet(graph: PoiGraph | None = None, x_m: float = 6.0, **trace: object) -> DeviceState:
@@ -119,6 +120,67 @@ def test_where_no_way_leads_back_it_is_waited(why: str, x_m: float, one_way: boo
     assert heard(step) == ["The way is blocked, and there is no other. Wait, or ask for help."], why
 
 
+def stood_at(graph: PoiGraph, start_m: tuple[float, float], goal: str, index: int) -> DeviceState:
+    """Somebody on their way from a place, who has come to a stand at a point of their route."""
+    state, _ = carry_out(DeviceState(SETTINGS, graph), SetDestination(goal), 0.0)
+    state, _ = plan_if_needed(state, at(*start_m), 0.0)
+    assert state.route is not None
+    position = tuple(state.route.points_m[index].tolist())
+    state = standing(state, Action.STOP, Reason.OBSTACLE_DEPTH, 0.0, closest_index=index, position=position)
+    return replace(state, is_hidden_ahead=True)
+
+
+def with_edge(graph: PoiGraph, key: str, **changes: object) -> PoiGraph:
+    return PoiGraph(1, graph.pois, {**graph.edges, key: msgspec.structs.replace(graph.edges[key], **changes)})
+
+
+def test_an_edge_that_is_walked_from_its_end_is_walked_back_to_its_end() -> None:
+    state = stood_at(ring("ab"), (8.0, 0.0), "a", 40)
+    assert ends_m(step_back.way_back(state)) == [(4.0, 0.0), (9.0, 0.0)]
+
+
+def test_the_way_back_goes_on_round_the_corner_that_was_walked() -> None:
+    state = stood_at(ring("ab", "bc"), (6.0, 0.0), "c", 55)
+    back = step_back.way_back(state)
+    assert ends_m(back) == [(10.0, 1.5), (6.5, 0.0)]
+    assert back is not None
+    assert [piece.edge_id for piece in back.pieces] == ["bc", "ab"], "who is asked where they are knows it still"
+
+
+@pytest.mark.parametrize("changes", [{"one_way": True}, {"closed": True}])
+def test_it_ends_before_an_edge_that_may_not_be_walked(changes: dict[str, bool]) -> None:
+    state = stood_at(ring("ab", "bc"), (6.0, 0.0), "c", 72)
+    assert ends_m(step_back.way_back(replace(state, graph=with_edge(state.graph, "ab", **changes)))) == [
+        (10.0, 3.2), (10.0, 0.0)
+    ]  # fmt: skip
+    near = stood_at(ring("ab", "bc"), (6.0, 0.0), "c", 55)
+    assert step_back.way_back(replace(near, graph=with_edge(near.graph, "ab", **changes))) is None, "too short"
+
+
+def test_it_ends_before_what_is_known_to_block_it_and_before_stairs() -> None:
+    state = at_the_feet()
+    behind = BlockedPlace(0.0, Blockage("ab", 2.5))
+    assert ends_m(step_back.way_back(replace(state, blocked=(behind,)))) == [(6.0, 0.0), (3.2, 0.0)]
+    assert step_back.way_back(replace(state, blocked=(BlockedPlace(0.0, Blockage("ab", 4.0)),))) is None
+    ahead = BlockedPlace(0.0, Blockage("ab", 6.5))
+    assert ends_m(step_back.way_back(replace(state, blocked=(ahead,)))) == [(6.0, 0.0), (1.0, 0.0)]
+    stairs = msgspec.structs.replace(state.graph.pois["a"], kind="stairs")
+    graph = PoiGraph(1, {**state.graph.pois, "a": stairs}, state.graph.edges)
+    near = at_the_feet(graph, x_m=4.5)
+    assert ends_m(step_back.way_back(near)) == [(4.5, 0.0), (1.0, 0.0)], "a metre before them"
+
+
+def test_an_edge_that_is_closed_meanwhile_is_not_walked_on() -> None:
+    state = led_back(ring())
+    closed = with_edge(state.graph, "ab", closed=True)
+    closed = PoiGraph(2, closed.pois, closed.edges)
+    state, effects = carry_out(state, PublishGraph(closed), HOLD_S + 1.0)
+    assert [effect.text for effect in effects if isinstance(effect, Notice)] == ["The way ahead has been closed."]
+    state, _ = plan_if_needed(state, at(5.5, heading_deg=180.0), HOLD_S + 1.0)
+    assert not step_back.is_under_way(state)
+    assert stops(state) == ["a", "d", "c", "b"]
+
+
 def test_another_destination_ends_it():
     state, _ = carry_out(led_back(), SetDestination("a"), HOLD_S + 1.0)
     state, _ = plan_if_needed(state, at(5.5), HOLD_S + 1.0)
@@ -141,6 +203,7 @@ def test_nobody_arrives_at_the_end_of_the_way_back():
     previous = replace(state.guidance, trace=before)
     said = guide(50.0, located, state.route, scan, None, previous, SETTINGS, route_version=state.route_version)
     assert (said.action, said.reason) == (Action.STOP, Reason.NO_CANDIDATE)
+    assert said.trace.remaining_m is None, "nobody is told that it is five metres to go"
     arrived = guide(
         50.0, located, replace(state.route, leads_to_destination=True), scan, None, previous, SETTINGS,
         route_version=state.route_version,

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from navcore.angles import world_angle
 from navcore.geometry import world_from_camera_at
-from navcore.obstacle.memory import CELL_M, ObstacleMemory, remember, remember_heard, with_memory
+from navcore.obstacle.memory import CELL_M, ObstacleMemory, is_hidden_ahead, remember, remember_heard, with_memory
 from navcore.obstacle.scan import nothing_known, scan
 from navcore.settings import ObstacleSettings
 from navcore.types import BearingState, ObstacleScan, Pose2D
@@ -97,6 +97,22 @@ def test_the_edges_of_something_low_are_seen_less_often_and_remembered_for_as_lo
     image, pose = seen((), 1.9)
     later = remember(memory, image, pose, 60.0)
     assert {(25, 0), (25, 1), (25, 2), (24, -2)} == {(int(x), int(y)) for x, y in later.cell}
+
+
+def test_only_what_no_image_shows_is_hidden_ahead() -> None:
+    """A low box at the feet is; a wall that is seen, or that has gone a little back, is not; nor what lies aside."""
+    low, wall = (box(4.0, -0.5, 4.4, 0.5, high_m=0.3),), (box(4.0, -2.0, 4.2, 2.0),)
+    at_the_box = walked_up(low, (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 3.2))
+    image, pose = seen((), 3.2)
+    assert is_hidden_ahead(image, at_the_box, pose, SETTINGS)
+    image, pose = seen((), 3.2, heading_deg=90.0)
+    assert not is_hidden_ahead(image, at_the_box, pose, SETTINGS), "it is beside them now"
+    image, pose = seen(low, 1.0)
+    assert not is_hidden_ahead(image, walked_up(low, (0.2, 0.5, 1.0)), pose, SETTINGS), "it is in the image"
+    before_it = walked_up(wall, (1.5, 2.0, 2.5))
+    for back_m in (0.0, 0.15, 0.27):
+        image, pose = seen((box(4.0 + back_m, -2.0, 4.4, 2.0),), 2.5)
+        assert not is_hidden_ahead(image, before_it, pose, SETTINGS)
 
 
 def test_neither_a_gap_in_the_poses_nor_an_image_without_depth_lets_it_be_forgotten() -> None:

@@ -54,7 +54,7 @@ _UNSEEN_MARGIN_M = 0.4
 """An echo that is so much nearer than all that the image shows about it comes from what the image does not show."""
 _ABOUT_RAD = math.radians(10.0)
 _INSIDE_IMAGE = 0.95
-_HIDDEN_MARGIN_M = 0.2
+_HIDDEN_MARGIN_M, _HIDDEN_WITHIN_M = 0.2, 1.8
 _MAX_PLACES = 4000
 _HEARD_TOP_M = math.inf
 
@@ -165,11 +165,15 @@ def with_memory(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settin
 
 
 def is_hidden_ahead(scan: ObstacleScan, memory: ObstacleMemory, pose: Pose2D, settings: ObstacleSettings) -> bool:
-    """Return whether the nearest thing straight ahead is remembered, and nearer than all that the image shows."""
-    bearing_rad, range_m = seen_from(pose, memory.places_m[memory.seen_count >= _SEEN_TWICE])
-    remembered_m = clearance_ahead_m(bearing_rad, range_m, settings.person_width_m, MAX_RANGE_M)
+    """Return whether the nearest thing straight ahead is remembered, where no image shows whether it is still there."""
+    sure = memory.kept(memory.seen_count >= _SEEN_TWICE)
+    bearing_rad, range_m = seen_from(pose, sure.places_m)
+    out_of_sight = np.isnan(_shown_m(scan, bearing_rad, range_m, sure.top_m))
+    hidden_m = clearance_ahead_m(
+        bearing_rad[out_of_sight], range_m[out_of_sight], settings.person_width_m, MAX_RANGE_M
+    )  # fmt: skip
     shown_m = MAX_RANGE_M if scan.nearest_ahead_m is None else scan.nearest_ahead_m
-    return remembered_m < shown_m - _HIDDEN_MARGIN_M
+    return hidden_m < min(shown_m - _HIDDEN_MARGIN_M, _HIDDEN_WITHIN_M)
 
 
 def _closed(

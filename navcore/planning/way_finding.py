@@ -193,7 +193,7 @@ class WayFinder:
     def _pieces(self, spans: list[tuple[str, float, float]], ends_m: list[float]) -> tuple[RoutePiece, ...]:
         begins_m = [0.0, *ends_m[:-1]]
         return tuple(
-            _piece(self.graph.edges[edge_id], begin_m, end_m, from_m, to_m)
+            route_piece(self.graph.edges[edge_id], begin_m, end_m, from_m, to_m)
             for (edge_id, from_m, to_m), begin_m, end_m in zip(spans, begins_m, ends_m, strict=True)
             if end_m > begin_m
         )
@@ -228,8 +228,11 @@ def find_route(graph: PoiGraph, x_m: float, y_m: float, poi_id: str, settings: P
     return WayFinder(graph, settings).route_to(poi_id, x_m, y_m)
 
 
-def _piece(edge: Edge, begin_m: float, end_m: float, from_m: float, to_m: float) -> RoutePiece:
-    """What is on the left on the way from a to b is on the right on the way back."""
+def route_piece(edge: Edge, begin_m: float, end_m: float, from_m: float, to_m: float) -> RoutePiece:
+    """Return the part of a route, between two of its arc lengths, that lies on an edge from one to another of its own.
+
+    What is on the left on the way from a to b is on the right on the way back.
+    """
     side = edge.caution_side if from_m <= to_m else OTHER_SIDE[edge.caution_side]
     return RoutePiece(edge.id, begin_m, end_m, from_m, to_m, side, edge.width_m)
 

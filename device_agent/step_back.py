@@ -26,6 +26,7 @@ _ROUTE_M, _SHORTEST_M = 5.0, 2.7
 """The way back is longer than it is walked: who reacts slowly must not come to its end."""
 _ELSEWHERE_M = 3.0
 _BEFORE_HAZARD_M, _BEFORE_BLOCKAGE_M = 1.0, 0.7
+"""So far before stairs, and before what blocks it, the way back ends."""
 
 
 def helps(state: DeviceState, now_s: float) -> bool:

@@ -37,11 +37,11 @@ def plan_if_needed(state: DeviceState, pose: Pose2D | None, now_s: float) -> Ste
     state = _watched(state, now_s)
     if state.destination_id is None or state.route is None:
         return state, ()
-    if step_back.is_under_way(state) and step_back.is_far_enough(state, pose):
-        return _on_again(_with_finder(state), pose, state.destination_id, now_s)
-    if _is_blocked(state, now_s):
-        if step_back.is_under_way(state):
-            return _on_again(_with_finder(state), pose, state.destination_id, now_s)
+    is_blocked = _is_blocked(state, now_s)
+    if step_back.is_under_way(state) and (is_blocked or step_back.is_far_enough(state, pose)):
+        happened = "Looking again at what was out of sight."
+        return _anew(_with_finder(state), pose, state.destination_id, now_s, happened)
+    if is_blocked:
         back = step_back.way_back(state) if step_back.helps(state, now_s) else None
         if back is not None:
             return _led_back(state, back, pose, now_s)
@@ -49,7 +49,8 @@ def plan_if_needed(state: DeviceState, pose: Pose2D | None, now_s: float) -> Ste
     since_s = state.off_route_since_s
     if since_s is None or now_s - since_s < state.settings.planning.replan_hold_s:
         return state, ()
-    return _anew(_with_finder(replace(state, off_route_since_s=None)), pose, state.destination_id, now_s)
+    strayed, happened = replace(state, off_route_since_s=None), "Off the road: a new way is planned."
+    return _anew(_with_finder(strayed), pose, state.destination_id, now_s, happened, "way_anew")
 
 
 # ------------------------------------------------------------------------------------------------ a destination
@@ -90,15 +91,16 @@ def _watched(state: DeviceState, now_s: float) -> DeviceState:
     return replace(state, off_route_since_s=now_s) if state.off_route_since_s is None else state
 
 
-def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
+def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float, happened: str, *told: str) -> Step:
+    """Plan from where the walker is now; ``told`` are the texts (by their keys) that they hear of it."""
     try:
         route = _route_anyhow(state, pose, destination_id, now_s)
     except PlanningError:
-        # The old way still leads back to the road.
+        # The old way still leads back to the road; at the end of a few steps back the walker is stopped.
         return state, ()
     state = _with_route(state, route)
-    happened = Happened("mode", "Off the road: a new way is planned.")
-    return state, (_notice(state, "way_anew"), happened, route_message(state, now_s))
+    heard = tuple(_notice(state, key) for key in told)
+    return state, (*heard, Happened("mode", happened), route_message(state, now_s))
 
 
 # ----------------------------------------------------------------------------------------------- a blocked way
@@ -153,17 +155,6 @@ def _led_back(state: DeviceState, back: Route, pose: Pose2D, now_s: float) -> St
     told = Notice(TEXTS[state.settings.cues.language]["way_look_again"], answers=True)
     happened = Happened("mode", "What is at the walker's feet is out of sight: they go back a little to look again.")
     return state, (told, happened, route_message(state, now_s))
-
-
-def _on_again(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) -> Step:
-    """Lead on from where the walker has come to, going back; the way is planned as if nothing had been in it."""
-    try:
-        route = _route_anyhow(state, pose, destination_id, now_s)
-    except PlanningError:
-        # It is tried again in the next cycle; at the end of the way back the walker is stopped.
-        return state, ()
-    state = _with_route(state, route)
-    return state, (Happened("mode", "Looking again at what was out of sight."), route_message(state, now_s))
 
 
 # -------------------------------------------------------------------------------------------------------- parts

@@ -75,6 +75,7 @@ _STANDS_AFTER_S = 1.0
 _BODY_M = 0.25
 """From the camera to the front of the body."""
 _BACK_ENDS_M = 0.3
+"""So near to the end of a few steps back the walker is stopped: they were to be led on before."""
 _USUAL_SPEED_M_S, _GAINS_M_S2 = 0.85, 0.6
 """Blind pedestrians walk at 0.6 to 1.1 m/s (D. Clark-Carter et al., Ergonomics 29, 1986), two or three steps after
 they have begun."""

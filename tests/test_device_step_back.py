@@ -57,7 +57,7 @@ def test_who_stands_before_what_no_image_shows_is_led_back_along_the_road_and_to
     assert ends_m(step[0].route) == [(6.0, 0.0), (1.0, 0.0)], "the road goes on behind the place where the way began"
     assert step_back.is_under_way(step[0])
     assert step[0].destination_id == "b"
-    assert not any(effect.kind for effect in step[1] if isinstance(effect, Notice)), "it is not said late"
+    assert all(effect.answers for effect in step[1] if isinstance(effect, Notice)), "it is not said late"
 
 
 def test_what_the_image_shows_is_gone_round_or_waited_before_as_ever():

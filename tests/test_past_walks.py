@@ -36,7 +36,7 @@ from device_agent.recording.recorder import WalkRecorder
 from device_agent.recording.walk_files import parts_in
 from navcore.recording_upload import RecordingOffer
 from navcore.silhouette import silhouette_jpeg
-from navcore.wire import WalkerState, WireCandidate
+from navcore.wire import RouteChanged, WalkerState, WireCandidate
 
 CLOCK_S = 1_800_000_000.0
 
@@ -176,6 +176,13 @@ def test_events_settings_and_the_way_are_those_of_the_instant(admin: Person, wal
     assert (early["view"]["settings_revision"], late["view"]["settings_revision"]) == (0, 7)
     assert (early["view"]["state"]["mode"], late["view"]["state"]["mode"]) == ("guiding", "arrived")
     assert early["depth_at_s"] is None
+
+
+def test_a_walk_that_ends_on_a_few_steps_back_was_to_its_destination_all_the_same(walk: PastWalk) -> None:
+    timeline = read_walk(walk)
+    back = RouteChanged(timeline.stamps_s[-1] - 1.0, ((3.0, 0.0), (0.0, 0.0)), (), "window")
+    figures = figures_of(dataclasses.replace(timeline, routes=(*timeline.routes, back)), ())
+    assert figures.to_place == figures_of(timeline, ()).to_place == "Window"
 
 
 def test_the_figures_are_those_of_an_independent_computation(

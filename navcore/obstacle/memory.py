@@ -55,6 +55,7 @@ _UNSEEN_MARGIN_M = 0.4
 _ABOUT_RAD = math.radians(10.0)
 _INSIDE_IMAGE = 0.95
 _HIDDEN_MARGIN_M, _HIDDEN_WITHIN_M = 0.2, 1.8
+"""What is hidden is so much nearer than all that the image shows, and no farther than where the image begins."""
 _MAX_PLACES = 4000
 _HEARD_TOP_M = math.inf
 

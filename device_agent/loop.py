@@ -132,8 +132,9 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         # A way from a place that is not sure would begin anywhere.
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        expected = expected_of(state.calibration, frame)
+        expected = expected_of(state, frame)
         scan = ports.scan(frame.depth_m, intrinsics, place.level, settings.obstacle, expected)
+        state = replace(state, eye_m=scan.eye_m if sure and math.isfinite(scan.eye_m) else state.eye_m)
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
         effects += told
         state, told = look_where_walked(state, located)

@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 from device_agent.state import DeviceState, Effect, Happened, Notice
-from navcore.calibration import Calibration
 from navcore.cues.texts import TEXTS
 from navcore.obstacle.facing import faced
 from navcore.obstacle.levelling import Expected
@@ -21,10 +20,12 @@ from navcore.obstacle.mounting import (
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
 
 
-def expected_of(calibration: Calibration, frame: Frame) -> Expected | None:
-    """Return how the camera is held when the frame was taken, as far as calibration and gravity tell."""
-    floor = calibration.floor
-    return None if floor is None else Expected(floor.height_m, floor.up_by_gravity(frame.gravity))
+def expected_of(state: DeviceState, frame: Frame) -> Expected | None:
+    """Return how the camera is held when the frame was taken, as far as calibration, gravity and the last pose tell."""
+    floor, last_m = state.calibration.floor, state.eye_m
+    if floor is None:
+        return None if last_m is None else Expected(last_m)
+    return Expected(floor.height_m if last_m is None else last_m, floor.up_by_gravity(frame.gravity))
 
 
 def look_at_floor(

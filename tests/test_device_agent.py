@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from device_hall import GRAPH, INTRINSICS, Rig, empty_hall, pose_at
+from device_hall import EYE_HEIGHT_M, GRAPH, INTRINSICS, Rig, empty_hall, pose_at
 
 from device_agent.adapters.clocks import FakeClock
 from device_agent.adapters.fakes import FakeLocalizer, FakeOutput, FakeUplink, NoSonar
@@ -18,11 +18,12 @@ from device_agent.locating import InLine
 from device_agent.state import DeviceState, PreparedMap
 from navcore.cues.table import Cue, CueKind
 from navcore.errors import SensorError
+from navcore.geometry import world_from_camera_at
 from navcore.modes import Mode
 from navcore.planning.poi_graph import PoiGraph
 from navcore.settings import Settings
 from navcore.site import Site, load_poi_graph, load_site, map_checksum, save_site
-from navcore.types import Action, Frame, Localization, LocalizationQuality, Reason
+from navcore.types import Action, BearingState, Frame, Localization, LocalizationQuality, Reason
 from navcore.wire import (
     ApplySettings,
     ClearDestination,
@@ -499,3 +500,18 @@ def test_arriving_while_the_position_is_uncertain_is_told_with_that_reservation(
         assert [cue.text for cue in rig.output.cues if cue.kind is CueKind.ARRIVED] == [expected]
         (event,) = rig.events("arrived")
         assert ("uncertain" in event) is (quality is LocalizationQuality.UNCERTAIN)
+
+
+def test_a_pose_that_is_not_sure_and_too_low_makes_no_drop_of_the_floor() -> None:
+    """Where the eye was above the floor is remembered from when the pose was sure."""
+    rig = Rig()
+    led = rig.lead_to()
+    assert led.guidance.action is Action.WALK
+    rig.quality = LocalizationQuality.UNCERTAIN
+    rig.believed = world_from_camera_at((0.5, 0.0, EYE_HEIGHT_M - 0.2), 0.0, np.radians(13.0))
+    unsure = rig.cycles(3)[-1]
+    assert unsure.localization is not None
+    assert unsure.localization.quality is LocalizationQuality.UNCERTAIN
+    assert unsure.scan is not None
+    assert set(unsure.scan.state.tolist()) == {BearingState.FREE}
+    assert unsure.guidance.action is Action.WALK

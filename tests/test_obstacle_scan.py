@@ -12,8 +12,8 @@ from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navcore.geometry import heading_of_camera, world_from_camera_at
-from navcore.obstacle.levelling import level_by_floor, level_by_pose, refine_by_floor
+from navcore.geometry import Transform, heading_of_camera, world_from_camera_at
+from navcore.obstacle.levelling import Expected, level_by_floor, level_by_pose, refine_by_floor
 from navcore.obstacle.memory import ObstacleMemory, remember
 from navcore.obstacle.scan import scan
 from navcore.settings import ObstacleSettings, Settings
@@ -127,6 +127,34 @@ def test_a_pitch_that_is_off_makes_no_obstacle_of_the_floor(error_deg: float):
     assert set(found.state.tolist()) == {BearingState.FREE}
     refined = refine_by_floor(level_by_pose(believed), depth, CAMERA)
     assert refined.height_m == pytest.approx(EYE_M, abs=0.02)
+
+
+TOO_LOW = world_from_camera_at((0, 0, EYE_M - 0.2), 0.0, PITCH_RAD - math.radians(2.0))
+"""Where a pose that is not sure has the camera."""
+
+
+def test_a_pose_that_is_far_too_low_makes_no_drop_of_the_floor_and_hides_nothing_low():
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    bare = depth_image(ROOM, camera, np.random.default_rng(2))
+    assert scan(bare, CAMERA, TOO_LOW, SETTINGS).nearest_ahead_m is not None, "by that pose alone it is one"
+    found = scan(bare, CAMERA, TOO_LOW, SETTINGS, Expected(EYE_M))
+    assert set(found.state.tolist()) == {BearingState.FREE}
+    assert found.eye_m == pytest.approx(EYE_M, abs=0.02)
+    low = depth_image((*ROOM, box(2.5, -0.3, 2.9, 0.3, 0.25)), camera, np.random.default_rng(2))
+    found = scan(low, CAMERA, TOO_LOW, SETTINGS, Expected(EYE_M))
+    assert found.nearest_ahead_m == pytest.approx(2.5, abs=0.12)
+    assert BearingState.DROP not in found.state
+
+
+@pytest.mark.parametrize("step_m", [0.14, 0.17, 0.2])
+@pytest.mark.parametrize("believed", [world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD), TOO_LOW])
+def test_the_floor_below_a_step_is_never_taken_for_the_walker_s(step_m: float, believed: Transform):
+    """Only what lies beyond the edge is in view: by the pose, or by where the eye was last, it is a drop."""
+    beyond = depth_image(ROOM, world_from_camera_at((0, 0, EYE_M + step_m), 0.0, PITCH_RAD), np.random.default_rng(3))
+    found = scan(beyond, CAMERA, believed, SETTINGS, Expected(EYE_M))
+    assert found.eye_m < EYE_M + 0.08
+    ahead = np.abs(found.bearing_rad) < math.radians(10.0)
+    assert (found.state[ahead] == BearingState.DROP).mean() > 0.9
 
 
 def test_levels_are_rotations():

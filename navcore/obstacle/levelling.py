@@ -2,7 +2,8 @@
 
 From localization where there is a pose; from the floor in the depth image itself while there is none. In both cases
 the floor in the image then takes out what is left of tilt and height, so that a pitch that is off by a degree does not
-make an obstacle of the floor four metres ahead.
+make an obstacle of the floor four metres ahead. A pose that is not sure can be farther off than that: then the floor is
+looked for where the walker's eye was above it last.
 """
 
 from __future__ import annotations
@@ -31,6 +32,10 @@ _CAMERA_HEIGHT_M = (0.4, 2.5)
 _FLOOR_SHARE = 0.08
 _MAX_FROM_EXPECTED_M = 0.35
 """People stoop, and stand on tiptoe."""
+_MAX_FROM_LAST_M = 0.08
+"""Less than the lowest step: where only the floor beyond an edge is in view, that is not the walker's."""
+_MAX_FROM_POSE = math.cos(math.radians(8.0))
+"""Nor is a flight of stairs: it slopes more than a pose that is not sure tilts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +100,9 @@ def level_by_floor(depth_m: DepthImage, intrinsics: CameraIntrinsics, seed: int 
     best = int(np.argmax(score))
     if score[best] < _FLOOR_SHARE * len(points):
         return None
-    return _refined(_levelling_of(normals[best], float(heights[best])), points)
+    found = _levelling_of(normals[best], float(heights[best]))
+    refined = _refined(found, points)
+    return found if refined is None else refined
 
 
 def level_as_expected(
@@ -114,9 +121,35 @@ def level_as_expected(
     return refine_by_floor(_levelling_of(expected.up, expected.height_m), depth_m, intrinsics)
 
 
+def level_by_pose_and_floor(
+    world_from_camera: Transform, depth_m: DepthImage, intrinsics: CameraIntrinsics, last_height_m: float | None
+) -> Levelling:
+    """Take attitude and height from localization, and from the floor in the image what they are wrong by.
+
+    Where the floor is not to be seen as the pose has it, it is looked for at the height above it that the camera had
+    last: by a pose that is 0.2 m too low, and 2° too flat, all of the floor ahead would be a drop.
+
+    Args:
+        world_from_camera: pose with the floor at z = 0.
+        depth_m: depth (h, w), metres, NaN where missing.
+        intrinsics: of the depth image.
+        last_height_m: of the camera above the floor, when that was last known; None where it never was.
+    """
+    by_pose = level_by_pose(world_from_camera)
+    refined = _refined(by_pose, sampled_points(depth_m, intrinsics))
+    if refined is not None:
+        return refined
+    found = None if last_height_m is None else level_by_floor(depth_m, intrinsics)
+    if found is None or last_height_m is None or abs(found.height_m - last_height_m) > _MAX_FROM_LAST_M:
+        return by_pose
+    is_alike = float(found.level_from_camera[2] @ by_pose.level_from_camera[2]) >= _MAX_FROM_POSE
+    return found if is_alike else by_pose
+
+
 def refine_by_floor(levelling: Levelling, depth_m: DepthImage, intrinsics: CameraIntrinsics) -> Levelling:
     """Take out the small tilt and height error that the floor in the image shows, if it shows enough."""
-    return _refined(levelling, sampled_points(depth_m, intrinsics))
+    refined = _refined(levelling, sampled_points(depth_m, intrinsics))
+    return levelling if refined is None else refined
 
 
 def sampled_points(depth_m: DepthImage, intrinsics: CameraIntrinsics) -> FloatArray:
@@ -140,8 +173,8 @@ def _levelling_of(normal: FloatArray, height_m: float) -> Levelling:
     return Levelling(np.stack([forward, np.cross(normal, forward), normal]), height_m)
 
 
-def _refined(levelling: Levelling, points_camera: FloatArray) -> Levelling:
-    """Fit z = a x + b y + c to the floor, trimmed twice, and turn the level axes onto it."""
+def _refined(levelling: Levelling, points_camera: FloatArray) -> Levelling | None:
+    """Fit z = a x + b y + c to the floor, trimmed twice, and turn the level axes onto it; None where it is not."""
     points = points_camera @ levelling.level_from_camera.T
     points[:, 2] += levelling.height_m
     range_m = np.hypot(points[:, 0], points[:, 1])
@@ -149,10 +182,10 @@ def _refined(levelling: Levelling, points_camera: FloatArray) -> Levelling:
     floor = points[near & (np.abs(points[:, 2]) < _FLOOR_BAND_M + _FLOOR_BAND_PER_M * range_m)]
     fitted = trimmed_plane(floor)
     if fitted is None:
-        return levelling
+        return None
     plane = fitted.coefficients
     if abs(plane[0]) > _MAX_TILT or abs(plane[1]) > _MAX_TILT or abs(plane[2]) > _MAX_HEIGHT_ERROR_M:
-        return levelling
+        return None
     normal_level = np.array([-plane[0], -plane[1], 1.0])
     length = float(np.linalg.norm(normal_level))
     normal_camera = levelling.level_from_camera.T @ (normal_level / length)

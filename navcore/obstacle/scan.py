@@ -20,8 +20,7 @@ from navcore.obstacle.levelling import (
     Levelling,
     level_as_expected,
     level_by_floor,
-    level_by_pose,
-    refine_by_floor,
+    level_by_pose_and_floor,
 )
 from navcore.obstacle.polar_grid import MAX_RANGE_M, RANGE_STEP_M, PolarGrid, polar_grid
 from navcore.settings import ObstacleSettings
@@ -58,7 +57,8 @@ def scan(
     """
     levelling: Levelling | None
     if world_from_camera is not None:
-        levelling = refine_by_floor(level_by_pose(world_from_camera), depth_m, intrinsics)
+        last_m = None if expected is None else expected.height_m
+        levelling = level_by_pose_and_floor(world_from_camera, depth_m, intrinsics, last_m)
     elif expected is not None:
         levelling = level_as_expected(expected, depth_m, intrinsics)
     else:

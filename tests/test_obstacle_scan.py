@@ -157,6 +157,21 @@ def test_the_floor_below_a_step_is_never_taken_for_the_walker_s(step_m: float, b
     assert (found.state[ahead] == BearingState.DROP).mean() > 0.9
 
 
+@pytest.mark.parametrize("down_deg", [10.0, 20.0, 30.0])
+def test_what_slopes_down_ahead_is_never_taken_for_the_walker_s_floor(down_deg: float):
+    """A flight of stairs or a ramp that begins at the feet: level with the eye there, but no floor to walk on."""
+    sloping = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD - math.radians(down_deg))
+    depth = depth_image(ROOM, sloping, np.random.default_rng(4))
+    believed = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    assert scan(depth, CAMERA, sloping, SETTINGS, Expected(EYE_M)).nearest_ahead_m is None, (
+        "by its own pose it is a floor"
+    )
+    found = scan(depth, CAMERA, believed, SETTINGS, Expected(EYE_M))
+    ahead = np.abs(found.bearing_rad) < math.radians(10.0)
+    assert set(found.state[ahead].tolist()) <= {BearingState.DROP, BearingState.UNKNOWN}
+    assert found.nearest_ahead_m is not None
+
+
 def test_levels_are_rotations():
     camera = world_from_camera_at((1, 2, EYE_M), 2.0, PITCH_RAD, 0.1)
     for levelling in (level_by_pose(camera), level_by_floor(depth_image(ROOM, camera), CAMERA)):

@@ -148,13 +148,10 @@ def _rows(folder: Path, seeds: range) -> Iterator[str]:
                 drawn = drawn_walker if sight == "totally blind" else drawn_partially_sighted_walker
                 cells = []
                 for alone in (True, False):
-                    walks = [
-                        _led(
-                            line, planned_m, replace(course, movers=()) if alone else with_people_starting(course, seed),
-                            way, drawn(seed), seed, settings, free,
-                        )
-                        for seed in seeds
-                    ]  # fmt: skip
+                    walks = []
+                    for seed in seeds:
+                        there = replace(course, movers=()) if alone else with_people_starting(course, seed)
+                        walks.append(_led(line, planned_m, there, way, drawn(seed), seed, settings, free))
                     cells += [
                         f"{fmean(walk.mean_m for walk in walks):.3f} m",
                         str(sum(walk.contacts for walk in walks)),

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to, wrap_rad
-from navcore.follower.aim import Aim, aim
+from navcore.follower.aim import Aim, aim, to_road
 from navcore.follower.corner_ahead import corner_ahead
 from navcore.follower.direction import (
     between_candidates,
@@ -91,6 +91,8 @@ _FIRST_TURN_RAD = math.radians(20.0)
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
+_ON_ROAD_M, _ELSEWHERE_M = 0.2, 2.0
+"""Who was led back to the road is on it from here; so far from where that began they may be led back again."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
 """Road-centred: a free direction that is farther than this from the expected one leads somewhere else."""
 _TOWARDS_RAD = math.radians(15.0)
@@ -211,10 +213,15 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     # Who is not sure where they are is not led beside the road.
     known = cycle.scan if trace.uncertain_since_s is None else None
     there = aim(route, pose, trace.speed_m_s, None if before is None else before.trace, known, cycle.settings)
+    rejoins = _rejoins(cycle, pose) and there.deviation_m > _ON_ROAD_M
+    if rejoins:
+        there = to_road(there, route, pose)
+        begins = before is None or not before.trace.rejoins
+        trace = replace(trace, rejoined_from=(pose.x_m, pose.y_m) if begins else trace.rejoined_from)
     left_m = route.length_m - float(route.arc_length_m[there.closest_index])
     trace = replace(
         trace, expected=there.expected, sub_goal=there.goal, closest_index=there.closest_index,
-        deviation_m=there.deviation_m, offset_m=there.offset_m,
+        deviation_m=there.deviation_m, offset_m=there.offset_m, rejoins=rejoins,
         remaining_m=left_m if route.leads_to_destination else None,
         corner=corner_ahead(route, there.closest_index, there.goal, trace.speed_m_s, follower),
     )  # fmt: skip
@@ -236,6 +243,25 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
     return _choose(cycle, pose, there, trace)
 
 
+def _rejoins(cycle: _Cycle, pose: Pose2D) -> bool:
+    """Whether the walker is to be led to the road first: where they stand beside it, nothing was found that leads on.
+
+    Who cut a corner stands before the wall beside a door: in none of the directions that were looked in is the door.
+    From one place it is tried once: what stands on the road itself is not passed by coming back to it.
+    """
+    before = cycle.previous
+    if before is None or before.trace.rejoins:
+        return before is not None
+    trace = before.trace
+    found_nothing = before.action is Action.STOP and trace.look_count >= SIDES and trace.offset_m == 0.0
+    is_beside = (trace.deviation_m or 0.0) > cycle.settings.obstacle.person_width_m / 2.0
+    return found_nothing and is_beside and not _is_near(trace.rejoined_from, pose)
+
+
+def _is_near(place: tuple[float, float] | None, pose: Pose2D) -> bool:
+    return place is not None and math.dist(place, (pose.x_m, pose.y_m)) < _ELSEWHERE_M
+
+
 def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Guidance:
     """Depth checks, Eq. 4, Eq. 5."""
     settings, scan = cycle.settings, cycle.scan
@@ -250,6 +276,7 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     trace = replace(
         trace, required_m=required_m, optimal=None if best is None else best.angle,
         among=tuple(each.angle for each in chosen.among),
+        goes_round=_goes_round(cycle) and abs(error) > math.radians(settings.follower.turn_angle_deg),
     )  # fmt: skip
     # Who walks fast needs more than the stop distance to come to a stand.
     stop_m = max(settings.obstacle.stop_distance_m, _room_to_stop_m(cycle, trace))
@@ -425,11 +452,12 @@ def _may_be_narrow(cycle: _Cycle, trace: DecisionTrace) -> bool:
 
 
 def _goes_round(cycle: _Cycle) -> bool:
-    """Whether the frame before led aside, round something: on the spot, or with less than δ."""
+    """Whether the frame before led aside, round something: on the spot, then on foot, or with less than δ."""
     before = cycle.previous
     if before is None or before.action is Action.STOP or before.trace.optimal is None:
         return False
-    return before.action is Action.TURN or (before.trace.required_m or math.inf) <= _narrow_m(cycle)
+    is_narrow = (before.trace.required_m or math.inf) <= _narrow_m(cycle)
+    return before.action is Action.TURN or is_narrow or before.trace.goes_round
 
 
 def _before_obstacle(cycle: _Cycle, error: RelativeAngle, trace: DecisionTrace, reason: Reason, why: _Why) -> Guidance:
@@ -606,6 +634,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         velocity_m_s=velocity_m_s,
         fastest_m_s=max(0.0 if before is None else before.fastest_m_s, min(_FASTEST_M_S, math.hypot(*velocity_m_s))),
         lost_turning_rad=None if before is None else before.lost_turning_rad,
+        rejoined_from=None if before is None else before.rejoined_from,
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,
         closing_m_s=float(cycle.scan.closing_m_s.max(initial=0.0)),

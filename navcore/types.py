@@ -525,6 +525,12 @@ class DecisionTrace:
     """Distance from the route."""
     offset_m: float = 0.0
     """Road-centred: how far left of the road's middle the walker is led, round what stands on it."""
+    goes_round: bool = False
+    """The walker walks in a direction to which they were turned, round something, far aside from θ_exp."""
+    rejoins: bool = False
+    """Beside the road nothing was found that leads on: the walker is led back to the road first."""
+    rejoined_from: tuple[float, float] | None = None
+    """Where they stood then, the last time, metres."""
     remaining_m: float | None = None
     """Arc length from the closest point to the destination."""
     corner: CornerAhead | None = None

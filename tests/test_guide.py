@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import replace
 
@@ -540,3 +541,52 @@ def test_who_stood_before_something_low_for_minutes_is_led_on_only_once_they_ste
     assert before is not None
     assert (before.trace.nearest_ahead_m is None) is is_taken_away
     assert actions[-1] is Action.WALK, "it is gone, or far enough ahead to walk up to and be led round"
+
+
+# ------------------------------------------------------------------------------------------------ who cut a corner
+INTO_DOOR = route_along((0.6, -3), (0.6, 1.1), (-4, 1.1))
+"""Along a wall at −0.5 m, and round a corner through the door in it."""
+
+
+def led_by_paper(start: tuple[float, float, float], *walls, route=INTO_DOOR) -> list[Guidance]:
+    """Lead somebody who does at once what they are told, from a place (x, y, heading in degrees), for half a minute.
+
+    They have just passed the corner, as the policy ``paper`` counts it.
+    """
+    settings = SETTINGS.changed({"follower.policy": "paper"})
+    (x_m, y_m, heading_deg), memory = start, ObstacleMemory()
+    corner = at(0.5, 0.6, 90.0)
+    told = [decide(corner, seen(corner), route=route, settings=settings)]
+    while len(told) < 300 and told[-1].reason is not Reason.ARRIVED:
+        here = at(x_m, y_m, heading_deg, len(told) / 10)
+        assert here.pose is not None
+        found = seen(here, *walls)
+        memory = remember(memory, found, here.pose, here.stamp_s)
+        found = with_memory(found, memory, here.pose, SETTINGS.obstacle)
+        told.append(decide(here, found, told[-1], route=route, settings=settings))
+        if told[-1].direction is not None:
+            most_deg, step_m = (6.0, 0.0) if told[-1].action is Action.TURN else (3.0, 0.06)
+            heading_deg += max(-most_deg, min(most_deg, math.degrees(told[-1].direction)))
+            x_m += step_m * math.cos(math.radians(heading_deg))
+            y_m += step_m * math.sin(math.radians(heading_deg))
+    return told
+
+
+def test_who_was_turned_along_a_wall_to_where_it_is_free_walks_there_before_they_are_turned_to_the_wall_again():
+    """The sub-goal lies behind the wall, the door farther on: they were turned to and fro before it for good."""
+    told = led_by_paper((0.0, 0.2, 97.0), box(-0.55, -4, -0.45, 0.35), box(-0.55, 1.9, -0.45, 5))
+    assert told[-1].reason is Reason.ARRIVED
+    begun = [k for k, (one, next_) in enumerate(itertools.pairwise(told)) if one.action is not next_.action]
+    assert len(begun) < 12, "nobody is told one thing and at once another"
+
+
+def test_who_stands_beside_the_road_and_finds_nothing_that_leads_on_is_led_to_the_road_first():
+    """The door is as narrow as a person, and in none of the directions that were looked in."""
+    door = route_along((0.6, -3), (0.6, 0.9), (-4, 0.9))
+    walls = box(-0.55, -4, -0.45, 0.45), box(-0.55, 1.4, -0.45, 4)
+    told = led_by_paper((0.17, 0.38, 66.0), *walls, route=door)
+    assert told[-1].reason is Reason.ARRIVED
+    rejoining = [each for each in told if each.trace.rejoins]
+    assert rejoining
+    assert all((each.trace.deviation_m or 0.0) > 0.2 for each in rejoining), "who is on the road is led along it"
+    assert not told[-1].trace.rejoins

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from navcore.angles import WorldAngle, world_angle
 from navcore.follower import road_centred
@@ -72,6 +72,13 @@ def aim(
     reach_m = road_centred.reach_m(route, closest_index, pose, expected, half_width_m)
     reach_m = min(reach_m, _until_arrival_m(route, pose, settings))
     return Aim(closest_index, deviation_m, goal, expected, reach_m)
+
+
+def to_road(there: Aim, route: Route, pose: Pose2D) -> Aim:
+    """Return how to come to the road first, by the shortest way; the sub-goal remains what it is."""
+    x_m, y_m = (float(each) for each in route.points_m[there.closest_index])
+    expected = world_angle(math.atan2(y_m - pose.y_m, x_m - pose.x_m))
+    return replace(there, expected=expected, reach_m=there.deviation_m, offset_m=0.0)
 
 
 def _until_arrival_m(route: Route, pose: Pose2D, settings: Settings) -> float:

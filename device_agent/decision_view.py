@@ -47,6 +47,7 @@ def decision_view(guidance: Guidance, scan: ObstacleScan | None, settings: Setti
         valid_fraction=finite(trace.valid_fraction),
         limits=_limits(trace, settings),
         scan=None if scan is None else wire_scan(scan),
+        rejoins=trace.rejoins,
     )
 
 

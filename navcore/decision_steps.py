@@ -83,7 +83,10 @@ def _expected(facts: Facts) -> str:
     expected_rad, limits = facts.expected_rad, facts.trace.limits
     if expected_rad is None:
         return ""
-    return _joined([f"θ_exp {aside(expected_rad)}", f"Eq. 4 corrects from {degrees(limits.heading_error_rad)} on"])
+    first = "to the road first" if facts.trace.rejoins else ""
+    return _joined(
+        [f"θ_exp {aside(expected_rad)}", first, f"Eq. 4 corrects from {degrees(limits.heading_error_rad)} on"]
+    )
 
 
 def _deviation(facts: Facts) -> str:

@@ -63,6 +63,8 @@ def _why_walk(facts: Facts, direction_rad: float | None) -> str:
     free = "" if free_m is None else f", free for {metres(free_m)}"
     if state.reason == Reason.OFF_ROAD.value:
         return f"back to the road{_away(state.deviation_m)}{free}"
+    if trace.rejoins:
+        return f"to the road first{_away(state.deviation_m)}, for nothing was found here that leads on{free}"
     if abs(trace.offset_m) >= _OFFSET_M:
         side = "left" if trace.offset_m > 0.0 else "right"
         beside = f"{metres(abs(trace.offset_m))} {side} of the road's middle"
@@ -125,6 +127,8 @@ def _turn_purpose(facts: Facts) -> str:
         return f"to look round for a known place, for the place in the map has been unknown{_for_s(trace.lost_s)}"
     if trace.turn == "look":
         return "to look for a way round"
+    if trace.rejoins and trace.turn in ("along", "around"):
+        return f"to the road first{_away(state.deviation_m)}, for nothing was found here that leads on"
     if trace.turn == "around":
         return back or "the way leads behind"
     if trace.turn == "aside":

@@ -113,3 +113,5 @@ class DecisionTraceView(msgspec.Struct, frozen=True, array_like=True):
     limits: DecisionLimits = DecisionLimits()
     scan: WireScan | None = None
     """None where no image was looked at."""
+    rejoins: bool = False
+    """Beside the road nothing was found that leads on: the walker is led to the road first."""

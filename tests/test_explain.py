@@ -59,6 +59,14 @@ def check(told: WalkerState) -> str:
     return sentence
 
 
+def test_who_is_led_to_the_road_first_is_said_to_be():
+    sentence = check(state("walk", "ok", Rule.TO_EXPECTED, direction_rad=0.0, deviation_m=0.6, rejoins=True))
+    assert "to the road first" in sentence
+    turned = state("turn", "ok", Rule.FAR_ASIDE, direction_rad=-1.2, turn="along", rejoins=True, deviation_m=0.6)
+    assert "to the road first" in check(turned)
+    assert "to the road first" not in check(msgspec.structs.replace(turned, trace=DecisionTraceView()))
+
+
 @pytest.mark.parametrize("action", Action, ids=lambda each: each.value)
 def test_every_action_with_every_reason_and_rule_is_explained_without_contradiction(action: Action):
     direction_rad = None if action is Action.STOP else 0.5

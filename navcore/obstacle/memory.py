@@ -46,7 +46,7 @@ _HEARD_FORGOTTEN_AFTER_S, _HEARD_OFTEN_FORGOTTEN_AFTER_S = 8.0, 40.0
 _HEARD_OFTEN = 4
 """Who goes round a pane has it beside them, where nothing hears it, for as long as that takes."""
 _HEARD_WITHIN_M = 2.6
-_HEARD_BESIDE_M = 0.15
+_HEARD_BESIDE_M = 0.25
 """What is heard may reach so far beyond the ultrasonic field: a pane has no edge that could be heard."""
 _SILENT_FOR_S = 0.5
 """An echo that fails to come once or twice says nothing: a pane that is met aslant returns few."""

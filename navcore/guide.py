@@ -237,7 +237,7 @@ def _follow(cycle: _Cycle, route: Route, pose: Pose2D, trace: DecisionTrace) -> 
         looking = replace(trace, look_target=look)
         why = _Why(Rule.LOOKS_ASIDE, "look aside for a way round")
         return cycle.turn(TurnKind.LOOK, relative_to(look, pose.heading), looking, why)
-    if _must_turn(cycle, error):
+    if _must_turn(cycle, error, _is_off_road(trace, cycle.settings)):
         why = _Why(Rule.FAR_ASIDE, "the expected direction is far to the side: turn on the spot")
         return cycle.turn_along(error, trace, why)
     return _choose(cycle, pose, there, trace)
@@ -369,7 +369,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
         required_m = min(required_m, _narrow_m(cycle), there.reach_m + _BESIDE_MARGIN_M)
         required_m = max(required_m, settings.obstacle.stop_distance_m)
     free, heard = (
-        _towards(cycle, error, walkable(each, required_m)) for each in (_directions(cycle), _as_heard(cycle))
+        _towards(cycle, error, there, walkable(each, required_m)) for each in (_directions(cycle), _as_heard(cycle))
     )
     last = _last_direction(cycle, heading)
     best = optimal_direction(heard or free, there.expected, heading, there.deviation_m, settings.follower, last)
@@ -382,7 +382,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
         best = best if first is None else first
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
-        narrow = _towards(cycle, error, walkable(_directions(cycle), narrow_m))
+        narrow = _towards(cycle, error, there, walkable(_directions(cycle), narrow_m))
         best = widest_direction(narrow, there.expected, heading)
         words = f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
         return _Choice(best, narrow_m, narrow, _Why(Rule.TO_WIDEST, words))
@@ -395,10 +395,11 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
 
 
 def _towards(
-    cycle: _Cycle, error: RelativeAngle, candidates: tuple[CandidateDirection, ...]
+    cycle: _Cycle, error: RelativeAngle, there: Aim, candidates: tuple[CandidateDirection, ...]
 ) -> tuple[CandidateDirection, ...]:
-    """Return those of D that lead where the walker is to go; for the policy ``paper`` that is all of them."""
-    if cycle.settings.follower.policy == "paper":
+    """Return those of D that lead where the walker is to go; on the road, the policy ``paper`` takes all of them."""
+    follower = cycle.settings.follower
+    if follower.policy == "paper" and there.deviation_m <= follower.off_road_distance_m:
         return candidates
     return tuple(each for each in candidates if abs(wrap_rad(error - each.angle)) <= _FARTHEST_ASIDE_RAD)
 
@@ -528,10 +529,13 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, w
     return cycle.walk(direction, going, why)
 
 
-def _must_turn(cycle: _Cycle, error: RelativeAngle) -> bool:
-    """A turn begins when the expected direction is far to the side, and lasts until it is nearly straight ahead."""
+def _must_turn(cycle: _Cycle, error: RelativeAngle, is_off_road: bool) -> bool:
+    """A turn begins when the expected direction is far to the side, and lasts until it is nearly straight ahead.
+
+    Who is led round something may head farther aside, but not once they have left the road for it.
+    """
     follower = cycle.settings.follower
-    if _goes_round(cycle):
+    if _goes_round(cycle) and not is_off_road:
         return abs(error) > _MAX_DETOUR_RAD
     turning = _is_turning_to_expected(cycle)
     return abs(error) > math.radians(follower.turn_settled_deg if turning else follower.turn_angle_deg)

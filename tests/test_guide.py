@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image, route_along
 
+from navcore.angles import relative_angle
 from navcore.follower.look import LOOK_ROUND_AFTER_S, LOOK_ROUND_FOR_S
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.guide import guide
@@ -590,3 +591,23 @@ def test_who_stands_beside_the_road_and_finds_nothing_that_leads_on_is_led_to_th
     assert rejoining
     assert all((each.trace.deviation_m or 0.0) > 0.2 for each in rejoining), "who is on the road is led along it"
     assert not told[-1].trace.rejoins
+
+
+def test_nobody_is_led_farther_from_the_road_round_something_once_they_have_left_it():
+    """A walker was led round a carton into a hall, by one free direction after the other, until their place was lost.
+
+    The paper takes all of D: of two that are free, the one nearest to θ_exp may lead away from the road.
+    """
+    settings = SETTINGS.changed({"follower.policy": "paper"})
+    for y_m, heading_deg, action in ((-0.5, -45.0, Action.WALK), (-1.6, -30.0, Action.TURN)):
+        here = at(2.0, y_m, heading_deg)
+        before = decide(here, seen(here), settings=settings)
+        aside = replace(before.trace, turn=TurnKind.ASIDE, optimal=relative_angle(0.0), free_frame_count=9)
+        before = replace(before, action=Action.TURN, direction=relative_angle(0.0), trace=aside)
+        assert decide(at(2.0, y_m, heading_deg, 0.1), seen(here), before, settings=settings).action is action
+    for y_m, most_deg in ((-0.5, 90.0), (-1.6, 40.0)):
+        here = at(2.0, y_m)
+        among = decide(here, seen(here), settings=settings).trace.among
+        expected_rad = math.atan2(-y_m, 3.0)
+        farthest_deg = max(abs(math.degrees(expected_rad - each)) for each in among)
+        assert min(most_deg, 41.0) - 4.0 < farthest_deg < most_deg

@@ -5,6 +5,7 @@ A pure function of frozen values; its only memory is the guidance of the frame b
     paused? no route? pose lost?         -> stop (who stays lost is turned to look round)
     Eqs. 1, 2   closest point, sub-goal  -> arrived? stop
     Eq. 3       expected direction       -> far to the side? turn on the spot
+                beside the road, and nothing found that leads on? the road itself is where to go first
     depth invalid? near drop, obstacle?  -> stop (or turn aside, which needs no free space)
     Eq. 4       optimal direction of D   -> none? turn to look there, else stop
     Eq. 5       ultrasonic gate          -> closed? stop

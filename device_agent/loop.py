@@ -132,9 +132,10 @@ def _from_frame(state: DeviceState, ports: Ports, frame: Frame, times: StageTime
         # A way from a place that is not sure would begin anywhere.
         state, planned = plan_if_needed(state, pose if sure else None, frame.stamp_s)
     with times.stage("scan"):
-        expected = expected_of(state, frame)
+        expected = expected_of(state, frame, located, has_pose=place.level is not None)
         scan = ports.scan(frame.depth_m, intrinsics, place.level, settings.obstacle, expected)
-        state = replace(state, eye_m=scan.eye_m if sure and math.isfinite(scan.eye_m) else state.eye_m)
+        if sure and math.isfinite(scan.eye_m):
+            state = replace(state, eye=(frame.stamp_s, scan.eye_m))
         state, told = look_at_floor(state, ports.floor, intrinsics, frame, located)
         effects += told
         state, told = look_where_walked(state, located)
@@ -435,7 +436,7 @@ def _stop(state: DeviceState, now_s: float, reason: Reason, decided: Rule, rule:
     before = state.guidance.trace if state.guidance is not None else DecisionTrace()
     trace = DecisionTrace(
         sub_goal=before.sub_goal, closest_index=before.closest_index, lost_index=before.lost_index,
-        sonar_state=before.sonar_state, sure_count=before.sure_count, fastest_m_s=before.fastest_m_s, rule=rule,
-        decided=decided,
+        sonar_state=before.sonar_state, sure_count=before.sure_count, fastest_m_s=before.fastest_m_s,
+        rejoined_from=before.rejoined_from, rule=rule, decided=decided,
     )  # fmt: skip
     return Guidance(now_s, Action.STOP, None, reason, trace, state.route_version)

@@ -19,13 +19,23 @@ from navcore.obstacle.mounting import (
 )
 from navcore.types import CameraIntrinsics, Frame, Localization, LocalizationQuality
 
+_EYE_KNOWN_S = 5.0
+"""Afterwards the walker may stoop, or somebody else wear the glasses."""
 
-def expected_of(state: DeviceState, frame: Frame) -> Expected | None:
-    """Return how the camera is held when the frame was taken, as far as calibration, gravity and the last pose tell."""
-    floor, last_m = state.calibration.floor, state.eye_m
-    if floor is None:
-        return None if last_m is None else Expected(last_m)
-    return Expected(floor.height_m if last_m is None else last_m, floor.up_by_gravity(frame.gravity))
+
+def expected_of(state: DeviceState, frame: Frame, located: Localization, *, has_pose: bool) -> Expected | None:
+    """Return how the camera is held when the frame was taken, as far as that is known otherwise than by the pose.
+
+    Without a pose calibration and gravity tell; beside one that is not sure, how high it was when the pose was last
+    sure, a moment ago.
+    """
+    if not has_pose:
+        floor = state.calibration.floor
+        return None if floor is None else Expected(floor.height_m, floor.up_by_gravity(frame.gravity))
+    if located.quality is LocalizationQuality.LOCALIZED or state.eye is None:
+        return None
+    stamp_s, height_m = state.eye
+    return Expected(height_m) if 0.0 <= frame.stamp_s - stamp_s <= _EYE_KNOWN_S else None
 
 
 def look_at_floor(

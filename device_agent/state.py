@@ -158,8 +158,8 @@ class DeviceState:
     """The last two poses that the localizer has found, oldest first: by them a pose that is not there is carried on."""
     load_level: LoadLevel = LoadLevel.FULL
     """What is left out because the device is too slow."""
-    eye_m: float | None = None
-    """Height of the camera above the floor, when the pose was certain last."""
+    eye: tuple[float, float] | None = None
+    """When the pose was certain last, and how high the camera was above the floor then, metres."""
     sure: tuple[float, Pose2D] | None = None
     """When and where the position was last known for sure."""
     guidance: Guidance | None = None

@@ -69,6 +69,7 @@ _LEFT_SLOWLY = frozenset(
     }
 )  # fmt: skip
 """Stops that the walker leaves only after several free frames."""
+_FOUND_NOTHING = frozenset({Reason.OBSTACLE_DEPTH, Reason.DROP_AHEAD, Reason.NO_CANDIDATE})
 _TO_THE_ROUTE = frozenset({TurnKind.ALONG, TurnKind.AROUND})
 _ROUND_SOMETHING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
 _STANDS_AFTER_S = 1.0
@@ -95,7 +96,8 @@ _BESIDE_MARGIN_M = 0.3
 _ON_ROAD_M, _ELSEWHERE_M = 0.2, 2.0
 """Who was led back to the road is on it from here; so far from where that began they may be led back again."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
-"""Road-centred: a free direction that is farther than this from the expected one leads somewhere else."""
+"""A free direction that is farther than this from the expected one leads somewhere else (road-centred, or off the
+road)."""
 _TOWARDS_RAD = math.radians(15.0)
 _MAX_DETOUR_RAD = math.radians(75.0)
 """Somebody who is led round something may head this far from the expected direction before they are turned back."""
@@ -251,10 +253,14 @@ def _rejoins(cycle: _Cycle, pose: Pose2D) -> bool:
     From one place it is tried once: what stands on the road itself is not passed by coming back to it.
     """
     before = cycle.previous
-    if before is None or before.trace.rejoins:
-        return before is not None
+    if before is None:
+        return False
     trace = before.trace
-    found_nothing = before.action is Action.STOP and trace.look_count >= SIDES and trace.offset_m == 0.0
+    if trace.rejoins:
+        # Who is stopped on the way there is not kept standing before it: what blocked the way on may have gone.
+        return before.action is not Action.STOP
+    stands = before.action is Action.STOP and before.reason in _FOUND_NOTHING and trace.free_frame_count == 0
+    found_nothing = stands and trace.look_count >= SIDES and trace.offset_m == 0.0
     is_beside = (trace.deviation_m or 0.0) > cycle.settings.obstacle.person_width_m / 2.0
     return found_nothing and is_beside and not _is_near(trace.rejoined_from, pose)
 

@@ -32,10 +32,11 @@ _CAMERA_HEIGHT_M = (0.4, 2.5)
 _FLOOR_SHARE = 0.08
 _MAX_FROM_EXPECTED_M = 0.35
 """People stoop, and stand on tiptoe."""
-_MAX_FROM_LAST_M = 0.08
-"""Less than the lowest step: where only the floor beyond an edge is in view, that is not the walker's."""
-_MAX_FROM_POSE = math.cos(math.radians(8.0))
-"""Nor is a flight of stairs: it slopes more than a pose that is not sure tilts."""
+_HIGHER_M, _LOWER_M = 0.08, 0.05
+"""So much higher or lower than a moment ago the floor may be found: where only the floor beyond a step is in view, that
+is not the walker's, also if they stoop."""
+_MAX_FROM_POSE = math.cos(math.radians(5.0))
+"""Nor is a flight of stairs, or a steep ramp: they slope more than a pose that is not sure tilts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,17 +134,18 @@ def level_by_pose_and_floor(
         world_from_camera: pose with the floor at z = 0.
         depth_m: depth (h, w), metres, NaN where missing.
         intrinsics: of the depth image.
-        last_height_m: of the camera above the floor, when that was last known; None where it never was.
+        last_height_m: of the camera above the floor, a moment ago; None where the pose is sure, or that is not known.
     """
-    by_pose = level_by_pose(world_from_camera)
-    refined = _refined(by_pose, sampled_points(depth_m, intrinsics))
-    if refined is not None:
-        return refined
-    found = None if last_height_m is None else level_by_floor(depth_m, intrinsics)
-    if found is None or last_height_m is None or abs(found.height_m - last_height_m) > _MAX_FROM_LAST_M:
+    by_pose, points = level_by_pose(world_from_camera), sampled_points(depth_m, intrinsics)
+    refined = _refined(by_pose, points)
+    if refined is not None or last_height_m is None:
+        return by_pose if refined is None else refined
+    found = level_by_floor(depth_m, intrinsics)
+    # Three points make a plane; it is the floor where enough of it is in view.
+    if found is None or _refined(found, points) is None:
         return by_pose
     is_alike = float(found.level_from_camera[2] @ by_pose.level_from_camera[2]) >= _MAX_FROM_POSE
-    return found if is_alike else by_pose
+    return found if is_alike and -_HIGHER_M <= found.height_m - last_height_m <= _LOWER_M else by_pose
 
 
 def refine_by_floor(levelling: Levelling, depth_m: DepthImage, intrinsics: CameraIntrinsics) -> Levelling:

@@ -3,7 +3,7 @@
 A camera at eye height sees nothing low that is nearer than about 1.8 m, and a walker who turns loses sight of what is
 beside them. So what a scan has found is kept for a while, in the map, with its height. It is forgotten where the image
 would show it and does not (somebody has walked on), and in the course of time. Time does not count against something
-that stands where the image cannot show it: that is in the way until it was looked at, or is far away. What is
+low that stands where the image cannot show it: that is in the way until it was looked at, or is far away. What is
 remembered only ever closes a direction: nothing becomes free by being forgotten that the present image does not show
 to be free.
 
@@ -32,8 +32,8 @@ _KEPT_WITHIN_M = 3.0
 _LOW_M = 1.3
 """What is lower than this does not walk away, and can vanish below the image while one walks up to it."""
 _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S = 20.0, 2.0
-_LOW_FORGOTTEN_AFTER_S = 120.0
-"""Counted while the image shows the place. Who stands before something low cannot see whether it is still there,
+_STANDING_FORGOTTEN_AFTER_S = 120.0
+"""For what is low, counted while the image shows the place. Who stands before it cannot see whether it is still there,
 however long they stand: it is in the way until they have stepped back and looked."""
 _STANDS_COUNT = 6
 """What was seen in one place in so many frames stands there, however tall it is: a chair, a cupboard."""
@@ -201,7 +201,7 @@ def _state_of(top_m: float) -> BearingState:
 def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_s: float) -> ObstacleMemory:
     """Return what is neither too old, nor too far away, nor seen to be gone now.
 
-    What stands there does not grow old where the image cannot show it: that time has passed says nothing.
+    What is low and stands there does not grow old where the image cannot show it: that time has passed says nothing.
     """
     bearing_rad, range_m = seen_from(pose, memory.places_m)
     shown_m = _shown_m(scan, bearing_rad, range_m, memory.top_m)
@@ -209,9 +209,9 @@ def _may_be_there(memory: ObstacleMemory, scan: ObstacleScan, pose: Pose2D, now_
     stands |= _is_part(memory, low, stands)
     # What is unknown now (NaN) neither shows that anything has gone, nor that it is there.
     gone, is_shown = shown_m > range_m + _GONE_MARGIN_M, shown_m > range_m - _GONE_MARGIN_M
-    memory = replace(memory, seen_s=np.where(stands & ~is_shown, now_s, memory.seen_s))
-    patience_s = np.where(low | stands, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
-    patience_s[low & stands] = _LOW_FORGOTTEN_AFTER_S
+    memory = replace(memory, seen_s=np.where(low & stands & ~is_shown, now_s, memory.seen_s))
+    patience_s = np.where(low, _FORGOTTEN_AFTER_S, _TALL_FORGOTTEN_AFTER_S)
+    patience_s[stands] = _STANDING_FORGOTTEN_AFTER_S
     young = np.abs(now_s - memory.seen_s) <= patience_s
     return memory.kept(young & (range_m < _KEPT_WITHIN_M) & ~gone)
 

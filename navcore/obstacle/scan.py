@@ -53,7 +53,8 @@ def scan(
         world_from_camera: pose with the floor at z = 0, for levelling; None while not localized, then the floor is
             looked for in the image.
         settings: thresholds.
-        expected: how the camera is held by its calibration; None where it has none. A pose tells more.
+        expected: without a pose, how the camera is held by its calibration; None where it has none. With one that is
+            not sure, how high it was a moment ago; None with a pose that is sure, which tells more.
     """
     levelling: Levelling | None
     if world_from_camera is not None:

@@ -549,19 +549,21 @@ INTO_DOOR = route_along((0.6, -3), (0.6, 1.1), (-4, 1.1))
 """Along a wall at −0.5 m, and round a corner through the door in it."""
 
 
-def led_by_paper(start: tuple[float, float, float], *walls, route=INTO_DOOR) -> list[Guidance]:
-    """Lead somebody who does at once what they are told, from a place (x, y, heading in degrees), for half a minute.
+def led_by_paper(
+    start: tuple[float, float, float], *walls, route=INTO_DOOR, until_15_s=(), before=(0.5, 0.6, 90.0)
+) -> list[Guidance]:
+    """Lead somebody who does at once what they are told, from a place (x, y, heading in degrees), for a minute.
 
-    They have just passed the corner, as the policy ``paper`` counts it.
+    ``before`` is where they were: they have just passed the corner, as the policy ``paper`` counts it.
     """
     settings = SETTINGS.changed({"follower.policy": "paper"})
     (x_m, y_m, heading_deg), memory = start, ObstacleMemory()
-    corner = at(0.5, 0.6, 90.0)
+    corner = at(*before)
     told = [decide(corner, seen(corner), route=route, settings=settings)]
-    while len(told) < 300 and told[-1].reason is not Reason.ARRIVED:
+    while len(told) < 600 and told[-1].reason is not Reason.ARRIVED:
         here = at(x_m, y_m, heading_deg, len(told) / 10)
         assert here.pose is not None
-        found = seen(here, *walls)
+        found = seen(here, *walls, *(until_15_s if here.stamp_s < 15.0 else ()))
         memory = remember(memory, found, here.pose, here.stamp_s)
         found = with_memory(found, memory, here.pose, SETTINGS.obstacle)
         told.append(decide(here, found, told[-1], route=route, settings=settings))
@@ -591,6 +593,14 @@ def test_who_stands_beside_the_road_and_finds_nothing_that_leads_on_is_led_to_th
     assert rejoining
     assert all((each.trace.deviation_m or 0.0) > 0.2 for each in rejoining), "who is on the road is led along it"
     assert not told[-1].trace.rejoins
+
+
+def test_who_cannot_come_to_the_road_goes_on_when_what_was_before_them_has_gone():
+    """Beside a carton on the road they stand before somebody: the road is closed, the way on is so for a while."""
+    carton, person = box(1.6, -0.3, 3.4, 0.3, 1.0), box(3.2, -1.4, 3.5, -0.4, 1.7)
+    told = led_by_paper((2.2, -0.9, 0.0), carton, route=ROUTE, until_15_s=(person,), before=(1.0, -0.9, 0.0))
+    assert any(each.trace.rejoins for each in told)
+    assert told[-1].reason is Reason.ARRIVED
 
 
 def test_nobody_is_led_farther_from_the_road_round_something_once_they_have_left_it():

@@ -57,9 +57,9 @@ def recordings(tmp_path: Path) -> Recordings:
 def test_a_walk_says_itself_where_it_was_walked_and_when(recordings: Recordings) -> None:
     take(recordings, STORED_WALK.read_bytes())
     (walk,) = PastWalks(recordings).all()
-    assert (walk.walk_id, walk.device, walk.site_id) == ("20261129T184832Z-glasses-w1", "Glasses", "boxes")
+    assert (walk.walk_id, walk.device, walk.site_id) == ("20261130T155846Z-glasses-344b1125-w1", "Glasses", "boxes")
     assert walk.map_checksum == "boxes-map"
-    assert walk.began_at_s == 1795978116.874, "2026-11-29 18:48:36 UTC"
+    assert walk.began_at_s == 1796054327.238, "2026-11-30 15:58:47 UTC"
     assert walk.length_s == pytest.approx(16.0)
     assert (walk.has_pictures, walk.troubles, len(walk.parts)) == (False, (), 1)
     assert PastWalks(recordings).named(walk.walk_id) == walk

@@ -30,7 +30,7 @@ from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
 from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261129T184832Z-glasses-w1"
+WALK = "20261130T155846Z-glasses-344b1125-w1"
 WAIT_S = 120.0
 
 

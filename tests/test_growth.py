@@ -147,7 +147,15 @@ def settled(holds: Callable[[], bool]) -> None:
 
 
 def objects_of_ours() -> Counter[str]:
-    """Count the objects that are alive, of our own and viser's types."""
+    """Count the objects that are kept, of our own and viser's types: not those that a thread works with just now."""
+    kept = objects_alive()
+    for _ in range(3):
+        threading.Event().wait(0.05)
+        kept &= objects_alive()
+    return kept
+
+
+def objects_alive() -> Counter[str]:
     gc.collect()
     names = (f"{type(each).__module__}.{type(each).__qualname__}" for each in gc.get_objects())
     return Counter(name for name in names if name.startswith(OURS))

@@ -175,6 +175,21 @@ def _clock_for(make: MakeCamera) -> Clock:
     return SystemClock() if make in LIVE else SteppedClock(100.0)
 
 
+def _fresh(camera: DepthCamera, clock: Clock) -> tuple[Frame, float]:
+    """Return the next frame and when it was asked for, seconds; what comes in its place is an error.
+
+    The SDKs' threads may be held back by a busy machine: an old picture is then refused, and asked for again.
+    """
+    for _ in range(60):
+        asked_s = clock.now_s()
+        try:
+            return camera.read(), asked_s
+        except SensorError:
+            if not isinstance(clock, SystemClock):
+                raise
+    raise AssertionError("the camera gave no fresh picture")
+
+
 @pytest.mark.parametrize("make", CAMERAS)
 def test_every_frame_is_fresh_new_and_of_the_cameras_size(make: MakeCamera, tmp_path: Path) -> None:
     clock = _clock_for(make)
@@ -184,13 +199,13 @@ def test_every_frame_is_fresh_new_and_of_the_cameras_size(make: MakeCamera, tmp_
         stack.callback(camera.close)
         for pause_s in (0.0, 0.0, 0.05, 0.45, 0.0, 0.9, 0.0):
             clock.sleep_until(clock.now_s() + pause_s)
-            frame = camera.read()
+            frame, asked_s = _fresh(camera, clock)
             assert frame.colour_rgb.shape == (camera.intrinsics.height_px, camera.intrinsics.width_px, 3)
             assert frame.colour_rgb.dtype == np.uint8
             assert frame.depth_m.shape == frame.colour_rgb.shape[:2]
             assert frame.depth_m.dtype == np.float32
             assert not (frame.depth_m <= 0.0).any()
-            assert 0.0 <= clock.now_s() - frame.stamp_s <= 0.5
+            assert asked_s - 0.5 <= frame.stamp_s <= clock.now_s()
             if frame.gravity is not None:
                 assert np.linalg.norm(frame.gravity) == pytest.approx(1.0)
             stamps.append(frame.stamp_s)

@@ -87,7 +87,10 @@ _FIRST_STEPS_M = 1.6
 """So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
 _ASTRAY_M = 0.2
 """The first steps are the least straight: wider than a person's corridor must be free for them, where it can be."""
-_BESIDE_M = 0.6
+_BESIDE_M, _UNSEEN_BESIDE_M = 0.3, 0.6
+"""What is no farther ahead than this is beside the walker already: what was seen; and what was not, for beside the
+image something always is."""
+_AS_FREE_M = 0.1
 _FIRST_TURN_RAD = math.radians(20.0)
 """No farther aside is looked for a way on which the first steps are free."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
@@ -330,7 +333,8 @@ def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:
     walked_rad = 0.0 if _sounds_straight(cycle, direction) else direction
     bearing_rad = np.concatenate([scan.bearing_rad, scan.unseen_rad]) - walked_rad
     range_m = np.concatenate([scan.nearest_m, scan.unseen_m])
-    ahead = range_m * np.cos(bearing_rad) > _BESIDE_M
+    beside_m = np.repeat([_BESIDE_M, _UNSEEN_BESIDE_M], [len(scan.bearing_rad), len(scan.unseen_rad)])
+    ahead = range_m * np.cos(bearing_rad) > beside_m
     return clearance_ahead_m(bearing_rad[ahead], range_m[ahead], width_m, MAX_RANGE_M)
 
 
@@ -390,7 +394,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
         narrow = _towards(cycle, error, there, walkable(_directions(cycle), narrow_m))
-        best = widest_direction(narrow, there.expected, heading)
+        best = _with_room(cycle, widest_direction(narrow, there.expected, heading), narrow)
         words = f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
         return _Choice(best, narrow_m, narrow, _Why(Rule.TO_WIDEST, words))
     if best is not None and settings.follower.policy == "road_centred":
@@ -399,6 +403,21 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
     if needs_correction(there.deviation_m, error, settings.follower):
         why = _Why(Rule.TO_EXPECTED, "Eq. 4: nearest to the expected direction")
     return _Choice(best, required_m, heard or free, why)
+
+
+def _with_room(
+    cycle: _Cycle, best: CandidateDirection | None, among: tuple[CandidateDirection, ...]
+) -> CandidateDirection | None:
+    """Return the direction next to the best one that is as free, and on which first steps that go astray are free too.
+
+    The best itself where there is none, and for somebody who walks: they would be led to and fro.
+    """
+    if best is None or not _stands(cycle):
+        return best
+    needed_m = min(best.clearance_m - _AS_FREE_M, _FIRST_STEPS_M + _BODY_M)
+    roomy = (each for each in among if each.clearance_m >= best.clearance_m - _AS_FREE_M)
+    roomy = (each for each in roomy if _first_steps_m(cycle, each.angle) >= needed_m)
+    return min(roomy, key=lambda each: abs(wrap_rad(each.angle - best.angle)), default=best)
 
 
 def _towards(

@@ -486,6 +486,22 @@ def test_the_first_steps_of_who_stands_keep_away_from_what_is_just_beside_them()
     assert decide(here, seen(here, *narrow), stood).action is Action.WALK, "a corridor that is no wider is walked"
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_first_steps_where_little_is_free_keep_away_from_what_is_just_beside_them(side: float):
+    """Ways beside a box are as free as the one nearest to the route, and leave room for a step astray."""
+    here, edge_m, end_m = at(2.0, stamp_s=5.0), 0.58 * side, 0.8
+    box_beside = box(2.2, min(edge_m, 1.2 * side), 2.0 + end_m, max(edge_m, 1.2 * side))
+    found = seen(here, box_beside, box(4.3, -4, 4.5, 4))
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    stood = replace(stood, trace=replace(stood.trace, stopped_since_s=1.0))
+    result = decide(here, found, stood, route=route_along((2, 0), (12, 6 * side)))
+    assert result.trace.required_m == pytest.approx(SETTINGS.obstacle.narrow_clearance_m), "little is free"
+    assert result.action is Action.WALK
+    assert result.direction is not None
+    passed_m = abs(edge_m * math.cos(result.direction) - end_m * math.sin(result.direction))
+    assert passed_m > SETTINGS.obstacle.person_width_m / 2.0 + 0.08
+
+
 @pytest.mark.parametrize(("from_deg", "to_deg"), [(-7.0, 7.0), (-9.0, 5.0), (-5.0, 9.0)])
 def test_who_stands_before_the_unknown_takes_no_first_step_straight_ahead(from_deg: float, to_deg: float):
     """What is dark or of glass straight ahead: a direction beside it is turned to, and none that sounds straight."""

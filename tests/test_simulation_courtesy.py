@@ -87,3 +87,18 @@ def test_who_is_in_the_lane_stands_before_somebody_who_comes_at_a_slant() -> Non
         nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
     assert courtesy.waited_s > 0.5
     assert nearest_m > 0.3
+
+
+@pytest.mark.parametrize("walker_m_s", [0.5, 0.9])
+def test_who_is_before_the_walker_walks_faster_where_the_walker_comes_too_near_from_the_side(walker_m_s: float) -> None:
+    """Both go along −x, side by side, and the walker comes nearer at a slant; there is no room to step aside."""
+    vx_m_s, vy_m_s = -walker_m_s * math.cos(0.6), -walker_m_s * math.sin(0.6)
+    courtesy, nearest_m = Courtesy(), math.inf
+    for k in range(150):
+        placement = beside_path(Placement(-0.1 - 0.9 * (k * DT_S - courtesy.waited_s), 0.0, math.pi), courtesy)
+        assert placement is not None
+        seen = Seen(vx_m_s * k * DT_S, 0.75 + vy_m_s * k * DT_S, vx_m_s, vy_m_s)
+        courtesy = given_way(courtesy, placement, seen, lambda _x, _y: False, DT_S)
+        nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
+    assert nearest_m > 0.6, "body to body"
+    assert courtesy.waited_s < 0.0

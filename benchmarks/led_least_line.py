@@ -1,14 +1,14 @@
 """What the model walkers make of the paper's courses when led by somebody who knows everything.
 
-    python -m benchmarks.led_least_line --walks DIR [--seeds 20] [--first-seed 5200]
+    python -m benchmarks.led_least_line --walks DIR [--seeds 20] [--first-seed 5200] [--path EB] [--roomier-m 0.03]
 
 DIR is what ``vbr experiments --out DIR`` has written: the planned routes are taken from its walks. Each path's least
 line (:mod:`device_agent.experiments.least`: as near to the road as can be, and never nearer than half of a person's
 corridor to anything) is the road here. The same walkers are led along it by the same guidance and cues, with their true
 pose, and with a scan in which all is free: nobody is ever stopped. Their bodies meet what stands there, and who sees
 goes round it by themselves. Prints a Markdown table: the mean distance from the planned route over time, as in the
-experiments, and how often something was touched; without the people who walk there, and with them, who give way as they
-do in the experiments, and whom nobody tells the walkers of.
+experiments, with its standard error, and how often something was touched; without the people who walk there, and with
+them, who give way as they do in the experiments, and whom nobody tells the walkers of.
 
 So it tells what is left to the walkers alone, who react late and err with every turn. Where that is more than a target,
 or is reached by touching things, better eyes would not reach it.
@@ -22,7 +22,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from statistics import fmean
+from statistics import fmean, stdev
 from typing import cast
 
 import numpy as np
@@ -65,7 +65,8 @@ _NO_PICTURES = cast("Renderer", object())
 """Nobody looks."""
 _UNTIL_END_STATIONS = 9
 """Who has arrived is stopped before the end, which may lie nearer to a wall than a person needs."""
-_ROOMIER_M = 0.1
+_ROOMIER_M = (0.0, 0.1)
+"""How much more than half of a person's corridor the lines keep from everything."""
 
 
 @dataclass(frozen=True)
@@ -133,13 +134,20 @@ def _planned_m(folder: Path, way: Way) -> FloatArray:
     raise SystemExit(f"{folder} has no walk on {way.name}: run vbr experiments --out {folder} first.")
 
 
-def _rows(folder: Path, seeds: range) -> Iterator[str]:
+def _mean(walks: list[Led]) -> str:
+    """Return the mean deviation of some walks, with its standard error."""
+    means_m = [walk.mean_m for walk in walks]
+    error_m = stdev(means_m) / math.sqrt(len(means_m)) if len(means_m) > 1 else math.nan
+    return f"{fmean(means_m):.3f} ± {error_m:.3f} m"
+
+
+def _rows(folder: Path, seeds: range, paths: list[Way], roomier_m: list[float]) -> Iterator[str]:
     settings = Settings()
     half_m, free = settings.obstacle.person_width_m / 2.0, _free_scan(settings)
     building = office_floor()
-    for way in PATHS:
+    for way in paths:
         planned_m, course = _planned_m(folder, way), with_course(building, way.name)
-        for needed_m in (half_m, half_m + _ROOMIER_M):
+        for needed_m in (half_m + more_m for more_m in roomier_m):
             line = _line(way, planned_m, needed_m)
             if line is None:
                 yield f"| {way.name} | all | {needed_m:.2f} m | there is no such line | | | |"
@@ -152,10 +160,7 @@ def _rows(folder: Path, seeds: range) -> Iterator[str]:
                     for seed in seeds:
                         there = replace(course, movers=()) if alone else with_people_starting(course, seed)
                         walks.append(_led(line, planned_m, there, way, drawn(seed), seed, settings, free))
-                    cells += [
-                        f"{fmean(walk.mean_m for walk in walks):.3f} m",
-                        str(sum(walk.contacts for walk in walks)),
-                    ]
+                    cells += [_mean(walks), str(sum(walk.contacts for walk in walks))]
                 yield f"| {way.name} | {sight} | {needed_m:.2f} m | {' | '.join(cells)} |"
 
 
@@ -165,10 +170,22 @@ def main() -> None:
     parser.add_argument("--walks", type=Path, required=True, metavar="DIR", help="a batch of vbr experiments")
     parser.add_argument("--seeds", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=5200)
+    names = {way.name.replace("→", ""): way for way in PATHS}
+    parser.add_argument("--path", choices=names, help="one path alone")
+    parser.add_argument(
+        "--roomier-m",
+        type=float,
+        nargs="+",
+        default=_ROOMIER_M,
+        metavar="M",
+        help="how much more than half of a corridor the lines keep from everything",
+    )
     arguments = parser.parse_args()
+    paths = list(PATHS) if arguments.path is None else [names[arguments.path]]
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     print("| path | walker | from everything | mean | contacts | with people: mean | contacts |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
-    for row in _rows(arguments.walks, range(arguments.first_seed, arguments.first_seed + arguments.seeds)):
+    for row in _rows(arguments.walks, seeds, paths, list(arguments.roomier_m)):
         print(row, flush=True)
 
 

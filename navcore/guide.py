@@ -87,10 +87,10 @@ _FIRST_STEPS_M = 1.6
 """So far somebody who begins to walk may come, straight on, before a correction, and then a stop, has its effect."""
 _ASTRAY_M = 0.2
 """The first steps are the least straight: wider than a person's corridor must be free for them, where it can be."""
-_BESIDE_M, _UNSEEN_BESIDE_M = 0.3, 0.6
-"""What is no farther ahead than this is beside the walker already: what was seen; and what was not, for beside the
-image something always is."""
+_BESIDE_M, _REMEMBERED_BESIDE_M = 0.3, 0.6
+"""What is no farther ahead than this is beside the walker already: in the image; and what is only remembered."""
 _AS_FREE_M = 0.1
+"""A direction that is free for so much less than another is as free."""
 _FIRST_TURN_RAD = math.radians(20.0)
 """No farther aside is looked for a way on which the first steps are free."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
@@ -333,7 +333,7 @@ def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:
     walked_rad = 0.0 if _sounds_straight(cycle, direction) else direction
     bearing_rad = np.concatenate([scan.bearing_rad, scan.unseen_rad]) - walked_rad
     range_m = np.concatenate([scan.nearest_m, scan.unseen_m])
-    beside_m = np.repeat([_BESIDE_M, _UNSEEN_BESIDE_M], [len(scan.bearing_rad), len(scan.unseen_rad)])
+    beside_m = np.repeat([_BESIDE_M, _REMEMBERED_BESIDE_M], [len(scan.bearing_rad), len(scan.unseen_rad)])
     ahead = range_m * np.cos(bearing_rad) > beside_m
     return clearance_ahead_m(bearing_rad[ahead], range_m[ahead], width_m, MAX_RANGE_M)
 
@@ -394,7 +394,7 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
     narrow_m = _narrow_m(cycle)
     if best is None and narrow_m < required_m:
         narrow = _towards(cycle, error, there, walkable(_directions(cycle), narrow_m))
-        best = _with_room(cycle, widest_direction(narrow, there.expected, heading), narrow)
+        best = _with_room(cycle, widest_direction(narrow, there.expected, heading), narrow, last)
         words = f"nothing is free for {required_m:.1f} m: the direction that is free farthest"
         return _Choice(best, narrow_m, narrow, _Why(Rule.TO_WIDEST, words))
     if best is not None and settings.follower.policy == "road_centred":
@@ -406,18 +406,29 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
 
 
 def _with_room(
-    cycle: _Cycle, best: CandidateDirection | None, among: tuple[CandidateDirection, ...]
+    cycle: _Cycle,
+    best: CandidateDirection | None,
+    among: tuple[CandidateDirection, ...],
+    last: RelativeAngle | None,
 ) -> CandidateDirection | None:
-    """Return the direction next to the best one that is as free, and on which first steps that go astray are free too.
+    """Return one of the directions next to the best one that are as free: the one of the frame before, where it is.
 
-    The best itself where there is none, and for somebody who walks: they would be led to and fro.
+    Somebody who stands is led only where first steps that go astray are free too; where they nowhere are, to the best.
+    What was told then is kept while it is as free: led to the best again in the first step, they would come to the
+    edge of what is free after all.
     """
-    if best is None or not _stands(cycle):
-        return best
-    needed_m = min(best.clearance_m - _AS_FREE_M, _FIRST_STEPS_M + _BODY_M)
-    roomy = (each for each in among if each.clearance_m >= best.clearance_m - _AS_FREE_M)
-    roomy = (each for each in roomy if _first_steps_m(cycle, each.angle) >= needed_m)
-    return min(roomy, key=lambda each: abs(wrap_rad(each.angle - best.angle)), default=best)
+    if best is None:
+        return None
+    free_m = best.clearance_m - _AS_FREE_M
+    beside = (each for each in among if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
+    as_free = tuple(each for each in beside if each.clearance_m >= free_m)
+    if _stands(cycle):
+        needed_m = min(free_m, _FIRST_STEPS_M + _BODY_M)
+        as_free = tuple(each for each in as_free if _first_steps_m(cycle, each.angle) >= needed_m)
+    step_rad = math.radians(cycle.settings.obstacle.candidate_step_deg)
+    kept = tuple(each for each in as_free if last is not None and abs(wrap_rad(each.angle - last)) <= step_rad)
+    near_rad = last if kept and last is not None else best.angle
+    return min(kept or as_free, key=lambda each: abs(wrap_rad(each.angle - near_rad)), default=best)
 
 
 def _towards(

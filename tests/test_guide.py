@@ -494,12 +494,48 @@ def test_first_steps_where_little_is_free_keep_away_from_what_is_just_beside_the
     found = seen(here, box_beside, box(4.3, -4, 4.5, 4))
     stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
     stood = replace(stood, trace=replace(stood.trace, stopped_since_s=1.0))
-    result = decide(here, found, stood, route=route_along((2, 0), (12, 6 * side)))
-    assert result.trace.required_m == pytest.approx(SETTINGS.obstacle.narrow_clearance_m), "little is free"
-    assert result.action is Action.WALK
+    result = stood
+    for tenth in range(4):
+        route = route_along((2, 0), (12, 6 * side))
+        result = decide(replace(here, stamp_s=5.0 + tenth / 10), found, result, route=route)
+        assert result.trace.required_m == pytest.approx(SETTINGS.obstacle.narrow_clearance_m), "little is free"
+        assert result.action is Action.WALK
+        assert result.direction is not None
+        passed_m = abs(edge_m * math.cos(result.direction) - end_m * math.sin(result.direction))
+        assert passed_m > SETTINGS.obstacle.person_width_m / 2.0 + 0.08, f"told {tenth + 1} times"
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_first_steps_keep_away_from_what_begins_half_a_metre_ahead(side: float):
+    here, edge_m = at(2.0, stamp_s=5.0), 0.4 * side
+    box_beside = box(2.2, min(edge_m, 1.2 * side), 2.57, max(edge_m, 1.2 * side))
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    stood = replace(stood, trace=replace(stood.trace, stopped_since_s=1.0))
+    found, route = seen(here, box_beside, box(4.3, -4, 4.5, 4)), route_along((2, 0), (12, 2 * side))
+    result = decide(here, found, stood, route=route)
     assert result.direction is not None
-    passed_m = abs(edge_m * math.cos(result.direction) - end_m * math.sin(result.direction))
-    assert passed_m > SETTINGS.obstacle.person_width_m / 2.0 + 0.08
+    assert result.direction * side < math.radians(-SETTINGS.cues.straight_within_deg)
+
+
+@pytest.mark.parametrize("policy", ["paper", "road_centred"])
+def test_who_turns_to_where_little_is_free_is_not_turned_back_and_on_again(policy: str):
+    """Between two boxes the freest directions change with the heading: who turns as they are told begins to walk."""
+    scene = (box(3.0, -0.2, 3.3, 0.2), box(2.9, 0.95, 3.6, 2.2), box(4.3, -4, 4.5, 4))
+    route, settings = route_along((2, 0), (10, 2.5)), SETTINGS.changed({"follower.policy": policy})
+    result = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    heading_deg, turned_deg = 0.0, []
+    for tenth in range(80):
+        here = at(2.0, 0.0, heading_deg, 5.0 + tenth / 10)
+        result = decide(here, seen(here, *scene), result, route=route, settings=settings)
+        if result.action is Action.WALK:
+            break
+        turn_deg = math.degrees(result.direction or 0.0)
+        step_deg = max(-4.0, min(4.0, turn_deg)) if abs(turn_deg) > 3.0 else 0.0
+        heading_deg += step_deg
+        turned_deg.append(step_deg)
+    changes = sum(one * two < 0.0 for one, two in itertools.pairwise(turned_deg))
+    assert changes <= 2, turned_deg
+    assert result.action is Action.WALK
 
 
 @pytest.mark.parametrize(("from_deg", "to_deg"), [(-7.0, 7.0), (-9.0, 5.0), (-5.0, 9.0)])

@@ -102,3 +102,19 @@ def test_who_is_before_the_walker_walks_faster_where_the_walker_comes_too_near_f
         nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
     assert nearest_m > 0.6, "body to body"
     assert courtesy.waited_s < 0.0
+
+
+@pytest.mark.parametrize(
+    ("walker", "walks"),
+    [
+        pytest.param(Seen(0.3, 0.6, 0.9, 0.0), True, id="they part"),
+        pytest.param(Seen(1.1, 0.0, -1.1, 0.0), True, id="the walker is right behind them, and faster"),
+        pytest.param(Seen(0.1, 0.65, -0.5, -0.3), False, id="they stand at the end of their path"),
+        pytest.param(Seen(0.0, 0.75, -1.05, -0.45), True, id="the walker crosses before them: to stand is better"),
+        pytest.param(Seen(0.1, 0.65, 0.0, 0.0), True, id="the walker stands"),
+    ],
+)
+def test_nobody_hurries_where_it_gains_no_room(walker: Seen, walks: bool) -> None:
+    """Somebody at (0, 0) on their way along −x, whom the walker has behind them or right beside them."""
+    courtesy = given_way(Courtesy(), Placement(0.0, 0.0, math.pi), walker, lambda _x, _y: False, DT_S, walks=walks)
+    assert courtesy.waited_s >= 0.0

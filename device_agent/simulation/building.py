@@ -91,6 +91,11 @@ class Mover:
         yaw_rad = math.atan2(forth * steps[leg, 1], forth * steps[leg, 0])
         return Placement(float(x_m), float(y_m), yaw_rad, pose_in_stride(travelled, self.stride_m, len(self.poses)))
 
+    def moves_between(self, time_s: float, later_s: float) -> bool:
+        """Whether it is elsewhere at the later of two times of the simulation, a moment apart."""
+        before, after = self.placement_at(time_s), self.placement_at(later_s)
+        return (before.x_m, before.y_m) != (after.x_m, after.y_m)
+
     def _travelled_m(self, walking_s: float, length_m: float) -> float:
         """Return how far it has gone: from one end to the other, and then it stands for a while."""
         way_s = length_m / self.speed_mps

@@ -25,9 +25,12 @@ _PASSED_M = 1.2
 _PACE_M_S, _FORESEES_S, _YIELDS_WITHIN_M = 0.9, 2.0, 2.5
 """Who foresees coming too near waits, where that leaves more room than going on."""
 _HURRIES = 0.5
-"""Who is before the walker already, and sees them come too near, walks faster by so much of their pace. Both who pass
-first and who pass last change their pace, where they would come nearer than a metre to each other (A.-H. Olivier et
-al., "Minimal predicted distance", Gait & Posture 36, 2012)."""
+"""Who is before the walker already, and sees them come too near, walks faster by so much of their pace. Walkers adapt
+to each other, both of them, where they would come nearer than a metre (A.-H. Olivier et al., "Minimal predicted
+distance", Gait & Posture 36, 2012); that it is by pace, and by how much, is assumed."""
+_KNOWN_RAD = math.radians(150.0)
+"""So far from straight ahead people know of the walker whom they have just passed; who is right behind them they do
+not see."""
 _MOVES_M_S = 0.2
 _GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
 """Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""
@@ -63,7 +66,9 @@ class Seen:
     vy_m_s: float = 0.0
 
 
-def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: IsFree, dt_s: float) -> Courtesy:
+def given_way(
+    courtesy: Courtesy, placement: Placement, walker: Seen, is_free: IsFree, dt_s: float, *, walks: bool = True
+) -> Courtesy:
     """Return how somebody gives way to the walker in the next moment.
 
     Args:
@@ -72,6 +77,7 @@ def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: I
         walker: what they see of the walker.
         is_free: whether a person has room at a place (x, y).
         dt_s: the moment's length.
+        walks: whether they would walk in it: nobody hurries who stands at an end of their path.
     """
     dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
     c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
@@ -80,7 +86,8 @@ def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: I
     if courtesy.standing_s > _PATIENCE_S:
         return _making_room(courtesy, dt_s)
     if ahead_m <= 0.0 and distance_m < _PASSED_M:
-        hurried_s = _HURRIES * dt_s if _comes_too_near(placement, walker) else 0.0
+        hurries = walks and abs(math.atan2(left_m, ahead_m)) <= _KNOWN_RAD and _hurries_better(placement, walker)
+        hurried_s = _HURRIES * dt_s if hurries else 0.0
         return replace(courtesy, waited_s=courtesy.waited_s - hurried_s, standing_s=0.0)
     late_s = dt_s if _stands_better(placement, walker) else 0.0
     if ahead_m <= 0.0 and late_s > 0.0:
@@ -97,21 +104,31 @@ def given_way(courtesy: Courtesy, placement: Placement, walker: Seen, is_free: I
 
 def _stands_better(placement: Placement, walker: Seen) -> bool:
     """Whether somebody who walks on would come too near to the walker, and nearer than if they stand."""
-    dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
-    if math.hypot(walker.vx_m_s, walker.vy_m_s) < _MOVES_M_S or math.hypot(dx_m, dy_m) > _YIELDS_WITHIN_M:
+    if not _moves(walker) or math.hypot(walker.x_m - placement.x_m, walker.y_m - placement.y_m) > _YIELDS_WITHIN_M:
         return False
-    pace = _PACE_M_S * math.cos(placement.yaw_rad), _PACE_M_S * math.sin(placement.yaw_rad)
-    goes_m = _nearest_m(dx_m, dy_m, walker.vx_m_s - pace[0], walker.vy_m_s - pace[1])
-    return goes_m < _IN_THE_WAY_M and goes_m <= _nearest_m(dx_m, dy_m, walker.vx_m_s, walker.vy_m_s)
+    goes_m = _nearest_at_pace_m(placement, walker, _PACE_M_S)
+    return goes_m < _IN_THE_WAY_M and goes_m <= _nearest_at_pace_m(placement, walker, 0.0)
 
 
-def _comes_too_near(placement: Placement, walker: Seen) -> bool:
-    """Whether the walker, who is behind somebody, comes too near to them though they walk on."""
-    if math.hypot(walker.vx_m_s, walker.vy_m_s) < _MOVES_M_S:
+def _hurries_better(placement: Placement, walker: Seen) -> bool:
+    """Whether somebody who walks on would come too near to the walker, and less near if they walk faster."""
+    if not _moves(walker):
         return False
-    vx_m_s = walker.vx_m_s - _PACE_M_S * math.cos(placement.yaw_rad)
-    vy_m_s = walker.vy_m_s - _PACE_M_S * math.sin(placement.yaw_rad)
-    return _nearest_m(walker.x_m - placement.x_m, walker.y_m - placement.y_m, vx_m_s, vy_m_s) < _IN_THE_WAY_M
+    stands_m, goes_m, hurries_m = (
+        _nearest_at_pace_m(placement, walker, pace_m_s) for pace_m_s in (0.0, _PACE_M_S, (1.0 + _HURRIES) * _PACE_M_S)
+    )
+    return goes_m < _IN_THE_WAY_M and hurries_m > max(goes_m, stands_m)
+
+
+def _moves(walker: Seen) -> bool:
+    return math.hypot(walker.vx_m_s, walker.vy_m_s) >= _MOVES_M_S
+
+
+def _nearest_at_pace_m(placement: Placement, walker: Seen, pace_m_s: float) -> float:
+    """Return how near somebody comes to the walker who walks on at a pace."""
+    vx_m_s = walker.vx_m_s - pace_m_s * math.cos(placement.yaw_rad)
+    vy_m_s = walker.vy_m_s - pace_m_s * math.sin(placement.yaw_rad)
+    return _nearest_m(walker.x_m - placement.x_m, walker.y_m - placement.y_m, vx_m_s, vy_m_s)
 
 
 def _nearest_m(dx_m: float, dy_m: float, vx_m_s: float, vy_m_s: float) -> float:

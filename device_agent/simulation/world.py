@@ -208,7 +208,10 @@ class SimulatedWorld:
         seen = Seen(body.x_m, body.y_m, body.speed_mps * c, body.speed_mps * s)
         for number, (mover, placement) in enumerate(zip(self.building.movers, placements, strict=True)):
             if placement is not None and isinstance(mover, Mover):
-                self._courtesies[number] = given_way(self._courtesies[number], placement, seen, self._has_room, dt_s)
+                courtesy = self._courtesies[number]
+                late_s = self._start_s + courtesy.waited_s
+                walks = mover.moves_between(self._body.time_s - late_s, self._body.time_s + dt_s - late_s)
+                self._courtesies[number] = given_way(courtesy, placement, seen, self._has_room, dt_s, walks=walks)
 
     def _has_room(self, x_m: float, y_m: float) -> bool:
         return push_from_solids(self._solids, x_m, y_m)[0] >= _ROOM_FOR_A_PERSON_M

@@ -180,7 +180,7 @@ def _fresh(camera: DepthCamera, clock: Clock) -> tuple[Frame, float]:
 
     The SDKs' threads may be held back by a busy machine: an old picture is then refused, and asked for again.
     """
-    for _ in range(60):
+    for _ in range(10):
         asked_s = clock.now_s()
         try:
             return camera.read(), asked_s

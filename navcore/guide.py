@@ -93,6 +93,8 @@ _AS_FREE_M = 0.1
 """A direction that is free for so much less than another is as free."""
 _FIRST_TURN_RAD = math.radians(20.0)
 """No farther aside is looked for a way on which the first steps are free."""
+_HIDDEN_BESIDE_RAD = math.radians(20.0)
+"""What nobody has seen is beside the first steps up to here: a person's corridor, and what they go astray, at 1 m."""
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
@@ -338,6 +340,22 @@ def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:
     return clearance_ahead_m(bearing_rad[ahead], range_m[ahead], width_m, MAX_RANGE_M)
 
 
+def _as_seen(
+    cycle: _Cycle, best: CandidateDirection, among: tuple[CandidateDirection, ...]
+) -> tuple[CandidateDirection, ...]:
+    """Return those of the directions next to the best one that lead no nearer to what nobody has seen than it does."""
+    beside = (each for each in among if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
+    least_rad = _seen_beside_rad(cycle, best.angle) - 1e-6
+    return tuple(each for each in beside if _seen_beside_rad(cycle, each.angle) >= least_rad)
+
+
+def _seen_beside_rad(cycle: _Cycle, direction: RelativeAngle) -> float:
+    """Return how far beside a direction, as it is walked, everything has been seen; what is farther aside is passed."""
+    hidden_rad = cycle.scan.bearing_rad[np.isnan(cycle.scan.nearest_m)]
+    walked_rad = 0.0 if _sounds_straight(cycle, direction) else direction
+    return float(np.abs(hidden_rad - walked_rad).min(initial=_HIDDEN_BESIDE_RAD))
+
+
 def _stands(cycle: _Cycle) -> bool:
     return cycle.previous is not None and cycle.previous.action is not Action.WALK
 
@@ -380,14 +398,14 @@ def _optimal(cycle: _Cycle, heading: WorldAngle, there: Aim) -> _Choice:
         required_m = min(required_m, _narrow_m(cycle), there.reach_m + _BESIDE_MARGIN_M)
         required_m = max(required_m, settings.obstacle.stop_distance_m)
     free, heard = (
-        _towards(cycle, error, there, walkable(each, required_m)) for each in (_directions(cycle), _as_heard(cycle))
+        _towards(cycle, error, there, walkable(each, required_m))
+        for each in (_directions(cycle), _as_heard(cycle, _directions(cycle)))
     )
     last = _last_direction(cycle, heading)
     best = optimal_direction(heard or free, there.expected, heading, there.deviation_m, settings.follower, last)
     if best is not None and _stands(cycle):
         # Who begins to walk is in step before they can be steered: better where the first steps are free as well.
-        near = tuple(each for each in heard if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
-        near = walkable(near, max(required_m, _FIRST_STEPS_M))
+        near = walkable(_as_seen(cycle, best, heard), max(required_m, _FIRST_STEPS_M))
         roomy = tuple(each for each in near if _first_steps_m(cycle, each.angle) >= _FIRST_STEPS_M + _BODY_M)
         first = optimal_direction(roomy or near, there.expected, heading, there.deviation_m, settings.follower, last)
         best = best if first is None else first
@@ -420,8 +438,7 @@ def _with_room(
     if best is None:
         return None
     free_m = best.clearance_m - _AS_FREE_M
-    beside = (each for each in among if abs(wrap_rad(each.angle - best.angle)) <= _FIRST_TURN_RAD)
-    as_free = tuple(each for each in beside if each.clearance_m >= free_m)
+    as_free = walkable(_as_heard(cycle, _as_seen(cycle, best, among)), free_m)
     if _stands(cycle):
         needed_m = min(free_m, _FIRST_STEPS_M + _BODY_M)
         as_free = tuple(each for each in as_free if _first_steps_m(cycle, each.angle) >= needed_m)
@@ -441,9 +458,9 @@ def _towards(
     return tuple(each for each in candidates if abs(wrap_rad(error - each.angle)) <= _FARTHEST_ASIDE_RAD)
 
 
-def _as_heard(cycle: _Cycle) -> tuple[CandidateDirection, ...]:
-    """Return D as it is walked: a direction that sounds like straight ahead is free no farther than straight ahead."""
-    ahead_m, directions = cycle.scan.nearest_ahead_m, _directions(cycle)
+def _as_heard(cycle: _Cycle, directions: tuple[CandidateDirection, ...]) -> tuple[CandidateDirection, ...]:
+    """Return directions as they are walked: what sounds like straight ahead is free no farther than straight ahead."""
+    ahead_m = cycle.scan.nearest_ahead_m
     if ahead_m is None:
         return directions
     return tuple(

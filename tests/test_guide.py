@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image, route_along
 
-from navcore.angles import relative_angle
+from navcore.angles import relative_angle, world_angle
+from navcore.follower.direction import widest_direction
 from navcore.follower.look import LOOK_ROUND_AFTER_S, LOOK_ROUND_FOR_S
 from navcore.geometry import Transform, world_from_camera_at
 from navcore.guide import guide
@@ -503,6 +504,62 @@ def test_first_steps_where_little_is_free_keep_away_from_what_is_just_beside_the
         assert result.direction is not None
         passed_m = abs(edge_m * math.cos(result.direction) - end_m * math.sin(result.direction))
         assert passed_m > SETTINGS.obstacle.person_width_m / 2.0 + 0.08, f"told {tenth + 1} times"
+
+
+def hiding(found: ObstacleScan, from_deg: float, to_deg: float) -> ObstacleScan:
+    """A scan in which some bearings show nothing: dark, or glass."""
+    bearing_deg = np.degrees(found.bearing_rad)
+    hidden = (bearing_deg >= from_deg) & (bearing_deg <= to_deg)
+    nearest_m = np.where(hidden, np.nan, found.nearest_m)
+    state = np.where(hidden, BearingState.UNKNOWN, found.state).astype(np.int8)
+    candidates = candidate_directions(found.bearing_rad, nearest_m, state, SETTINGS.obstacle, MAX_RANGE_M)
+    return replace(found, nearest_m=nearest_m, state=state, candidates=candidates)
+
+
+def seen_beside_deg(found: ObstacleScan, direction: float) -> float:
+    """How far beside a direction, as it is walked, everything has been seen; 20° is enough."""
+    walked_rad = 0.0 if abs(direction) <= math.radians(SETTINGS.cues.straight_within_deg) else direction
+    hidden_deg = np.degrees(found.bearing_rad[np.isnan(found.nearest_m)] - walked_rad)
+    return min(20.0, *np.abs(hidden_deg))
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("dark_from_deg", range(2, 29, 2))
+def test_room_for_first_steps_is_not_looked_for_beside_what_nobody_has_seen(side: float, dark_from_deg: int):
+    """A box beside the way, and on its other side the picture is dark: unknown is never clear."""
+    here, edge_m = at(2.0, stamp_s=5.0), 0.45 * side
+    stood = replace(decide(at(2.0), seen(at(2.0)), paused=True), stamp_s=4.9)
+    stood = replace(stood, trace=replace(stood.trace, stopped_since_s=1.0))
+    box_beside = box(2.6, min(edge_m, 1.4 * side), 3.0, max(edge_m, 1.4 * side))
+    all_seen, route = seen(here, box_beside, box(3.5, -4, 3.7, 4)), route_along((2, 0), (12, 4 * side))
+    bright = decide(here, all_seen, stood, route=route)
+    assert bright.direction is not None
+    assert bright.direction * side < 0.0, "where all is seen, the way with more room is taken"
+    dark = hiding(all_seen, *sorted((-side * dark_from_deg, -side * (dark_from_deg + 6.0))))
+    result = decide(here, dark, stood, route=route)
+    among = tuple(each for each in result.trace.candidates if each.angle in result.trace.among)
+    if result.trace.optimal is None or result.trace.expected is None:
+        return
+    freest = widest_direction(among, result.trace.expected, world_angle(0.0))
+    assert freest is not None
+    assert seen_beside_deg(dark, result.trace.optimal) >= seen_beside_deg(dark, freest.angle) - 1e-6
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_what_was_told_is_not_kept_where_it_sounds_like_straight_on_to_something_near(side: float):
+    """The edge of a box 1.25 m ahead: 8° beside it is free, and is walked straight ahead."""
+    here, edge_m = at(2.0, stamp_s=5.0), 0.25 * side
+    box_ahead = box(3.25, min(-edge_m, -0.8 * side), 3.4, max(-edge_m, -0.8 * side))
+    found, route = seen(here, box_ahead, box(4.3, -4, 4.5, 4)), route_along((2, 0), (12, -2.7 * side))
+    walked = decide(at(2.0, stamp_s=4.9), seen(at(2.0)), None)
+    told = replace(walked, direction=relative_angle(math.radians(8.0 * side)))
+    told = replace(told, trace=replace(told.trace, required_m=SETTINGS.obstacle.narrow_clearance_m))
+    for tenth in range(3):
+        told = decide(replace(here, stamp_s=5.0 + tenth / 10), found, told, route=route)
+        assert told.trace.nearest_ahead_m == pytest.approx(1.25, abs=0.05)
+        assert told.trace.required_m == pytest.approx(SETTINGS.obstacle.narrow_clearance_m)
+        assert told.direction is not None
+        assert abs(told.direction) > math.radians(SETTINGS.cues.straight_within_deg)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

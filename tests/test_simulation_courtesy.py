@@ -93,7 +93,7 @@ def test_who_is_in_the_lane_stands_before_somebody_who_comes_at_a_slant() -> Non
 def test_who_is_before_the_walker_walks_faster_where_the_walker_comes_too_near_from_the_side(walker_m_s: float) -> None:
     """Both go along −x, side by side, and the walker comes nearer at a slant; there is no room to step aside."""
     vx_m_s, vy_m_s = -walker_m_s * math.cos(0.6), -walker_m_s * math.sin(0.6)
-    courtesy, nearest_m = Courtesy(), math.inf
+    courtesy, nearest_m = Courtesy(unseen_s=1.0), math.inf  # the walker has just been passed
     for k in range(150):
         placement = beside_path(Placement(-0.1 - 0.9 * (k * DT_S - courtesy.waited_s), 0.0, math.pi), courtesy)
         assert placement is not None
@@ -102,6 +102,25 @@ def test_who_is_before_the_walker_walks_faster_where_the_walker_comes_too_near_f
         nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
     assert nearest_m > 0.6, "body to body"
     assert courtesy.waited_s < 0.0
+
+
+@pytest.mark.parametrize(("unseen_s", "hurries"), [(1.0, True), (10.0, False), (math.inf, False)])
+def test_who_has_not_just_seen_the_walker_does_not_know_that_they_come_from_behind(
+    unseen_s: float, hurries: bool
+) -> None:
+    behind = Seen(0.6, 0.6, -0.9, -0.6)
+    before = Courtesy(unseen_s=unseen_s)
+    courtesy = given_way(before, Placement(0.0, 0.0, math.pi), behind, lambda _x, _y: False, DT_S)
+    assert (courtesy.waited_s < 0.0) == hurries
+
+
+def test_who_sees_the_walker_beside_them_knows_of_them_for_a_while() -> None:
+    here, beside, behind = Placement(0.0, 0.0, math.pi), Seen(0.0, 1.0, 0.0, 0.0), Seen(0.6, 0.6, 0.0, 0.0)
+    courtesy = given_way(Courtesy(), here, beside, lambda _x, _y: False, DT_S)
+    assert courtesy.unseen_s == 0.0
+    for _ in range(5):
+        courtesy = given_way(courtesy, here, behind, lambda _x, _y: False, DT_S)
+    assert courtesy.unseen_s == pytest.approx(5 * DT_S)
 
 
 @pytest.mark.parametrize(
@@ -116,5 +135,6 @@ def test_who_is_before_the_walker_walks_faster_where_the_walker_comes_too_near_f
 )
 def test_nobody_hurries_where_it_gains_no_room(walker: Seen, walks: bool) -> None:
     """Somebody at (0, 0) on their way along −x, whom the walker has behind them or right beside them."""
-    courtesy = given_way(Courtesy(), Placement(0.0, 0.0, math.pi), walker, lambda _x, _y: False, DT_S, walks=walks)
+    before = Courtesy(unseen_s=0.5)
+    courtesy = given_way(before, Placement(0.0, 0.0, math.pi), walker, lambda _x, _y: False, DT_S, walks=walks)
     assert courtesy.waited_s >= 0.0

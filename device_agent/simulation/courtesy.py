@@ -28,9 +28,9 @@ _HURRIES = 0.5
 """Who is before the walker already, and sees them come too near, walks faster by so much of their pace. Walkers adapt
 to each other, both of them, where they would come nearer than a metre (A.-H. Olivier et al., "Minimal predicted
 distance", Gait & Posture 36, 2012); that it is by pace, and by how much, is assumed."""
-_KNOWN_RAD = math.radians(150.0)
-"""So far from straight ahead people know of the walker whom they have just passed; who is right behind them they do
-not see."""
+_SEEN_RAD, _KNOWN_RAD, _KNOWN_S = math.radians(100.0), math.radians(150.0), 3.0
+"""The visual field reaches so far from straight ahead. Farther, people know for a while of whom they have just seen; who
+is right behind them they do not know of."""
 _MOVES_M_S = 0.2
 _GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
 """Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""
@@ -47,6 +47,8 @@ class Courtesy:
     """How far they are beside their path now."""
     standing_s: float = 0.0
     """How long they have been standing before the walker, or going back from them, without a break."""
+    unseen_s: float = math.inf
+    """For how long they have not had the walker near and in their visual field."""
 
 
 def beside_path(placement: Placement | None, courtesy: Courtesy) -> Placement | None:
@@ -83,10 +85,14 @@ def given_way(
     c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
     ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
     distance_m = math.hypot(dx_m, dy_m)
+    aside_rad = abs(math.atan2(left_m, ahead_m))
+    sees = aside_rad <= _SEEN_RAD and distance_m <= _YIELDS_WITHIN_M
+    courtesy = replace(courtesy, unseen_s=0.0 if sees else courtesy.unseen_s + dt_s)
     if courtesy.standing_s > _PATIENCE_S:
         return _making_room(courtesy, dt_s)
     if ahead_m <= 0.0 and distance_m < _PASSED_M:
-        hurries = walks and abs(math.atan2(left_m, ahead_m)) <= _KNOWN_RAD and _hurries_better(placement, walker)
+        knows = aside_rad <= _KNOWN_RAD and courtesy.unseen_s <= _KNOWN_S
+        hurries = walks and knows and _hurries_better(placement, walker)
         hurried_s = _HURRIES * dt_s if hurries else 0.0
         return replace(courtesy, waited_s=courtesy.waited_s - hurried_s, standing_s=0.0)
     late_s = dt_s if _stands_better(placement, walker) else 0.0

@@ -48,6 +48,7 @@ if (location.pathname.startsWith('/viewer/scene')) {
 }
 """
 WAIT_S = 60.0
+expect.set_options(timeout=1e3 * WAIT_S)
 POLL_MS = 100
 _PROJECT = """
 (name) => {

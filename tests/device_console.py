@@ -84,7 +84,7 @@ class Console:
 
         self._do(send())
 
-    def wait_for(self, condition: Callable[[], bool], timeout_s: float = 15.0) -> None:
+    def wait_for(self, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
         with self._changed:
             assert self._changed.wait_for(condition, timeout_s), "the console waited in vain"
 
@@ -96,7 +96,7 @@ class Console:
         self._loop.call_soon_threadsafe(self._loop.stop)
 
     def _do(self, work):  # type: ignore[no-untyped-def]
-        return asyncio.run_coroutine_threadsafe(work, self._loop).result(10.0)
+        return asyncio.run_coroutine_threadsafe(work, self._loop).result(60.0)
 
     def _check(self, socket: ServerConnection, request):  # type: ignore[no-untyped-def]
         if request.headers.get("Authorization") != f"Bearer {self.token}" or request.path != "/device":

@@ -21,7 +21,6 @@ from navcore.modes import Mode
 from navcore.wire import Ping, Pong, WalkerState, decode_from_console
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 AT_ONCE = {kind: replace(rule, on_delay_s=0.0, off_delay_s=0.0) for kind, rule in RULES.items()}
 COUNT_WHAT_IS_SAID = """
 () => {

@@ -18,7 +18,6 @@ from navcore.site import Site
 
 __all__ = ["disk"]
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 
 
 @pytest.fixture(scope="module")

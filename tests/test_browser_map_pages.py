@@ -19,7 +19,6 @@ from console.edits import AddPoi, SetEdge, UpdatePoi
 from console.server import ConsoleServer
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=30_000)
 FINDINGS = [
     {
         "code": "unreachable_poi", "severity": "error", "text": "Bar cannot be reached.", "action": "Connect it.",

@@ -20,7 +20,6 @@ from navcore.modes import Mode
 from navcore.wire import WalkerState
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 TARGET_PX = 44
 SMALL_TARGETS = """
 (least) => [...document.querySelectorAll('main button, main select, main input, .top .menu')]
@@ -28,6 +27,19 @@ SMALL_TARGETS = """
 """
 TOO_HIGH_PX = "document.documentElement.scrollHeight - document.documentElement.clientHeight"
 OVERFLOW_PX = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+WATCH_BANNER = """
+() => {
+  const banner = document.getElementById("link-banner"), toasts = document.getElementById("toasts");
+  const seen = window.bannerSeen = { shown_ms: 0, said: false };
+  let since_ms = null;
+  new MutationObserver(() => {
+    if (!banner.hidden) since_ms ??= performance.now();
+    else if (since_ms !== null) [seen.shown_ms, since_ms] = [performance.now() - since_ms, null];
+  }).observe(banner, { attributes: true, attributeFilter: ["hidden"] });
+  new MutationObserver(() => { seen.said ||= toasts.textContent.includes("The console is there again"); })
+    .observe(toasts, { childList: true, subtree: true, characterData: true });
+}
+"""
 SHOWN = """
 () => {
   const id = (name) => document.getElementById(name);
@@ -285,6 +297,7 @@ def _a_page_that_stood_still_does_not_say_that_the_console_was_gone(
     page: Page, device: WalkingDevice, stream: Stream
 ) -> None:
     for is_gone in (False, True):
+        page.evaluate(WATCH_BANNER)
         stream.is_frozen = is_gone
         page.clock.fast_forward(10_000)
         if is_gone:
@@ -293,7 +306,10 @@ def _a_page_that_stood_still_does_not_say_that_the_console_was_gone(
             stream.is_frozen = False
         be_live(page, device)
         expect(page.locator("#link-banner")).to_be_hidden()
-        assert ("The console is there again" in (page.locator("#toasts").text_content() or "")) is is_gone
+        seen = page.evaluate("window.bannerSeen")
+        # Where the first message is long on its way through a busy machine, it was silent for the page as well.
+        assert seen["said"] is (seen["shown_ms"] > 1000.0)
+        assert seen["said"] or not is_gone
 
 
 def _a_phone_will_do(page: Page) -> None:

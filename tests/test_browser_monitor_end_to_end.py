@@ -36,7 +36,6 @@ from device_agent.logs import FILE_NAME
 from navcore.site import load_site, save_site
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 WALK_S = 480.0
 """The walk takes about 40 s; a machine that is busy drawing makes it slower."""
 REDIAL_S = 120.0

@@ -22,7 +22,6 @@ from navcore.wire import DepthImage, WalkerState
 from navcore.wire_trace import DecisionLimits, DecisionTraceView, WireCandidate, WireScan
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 LIMITS = DecisionLimits(0.9, 2.0, 3.0, 0.7, math.radians(7.5), 1.0, 0.52, 0.7, 0.17, 1.0, 3.0, 0.3, 3)
 STATES = (*(1,) * 10, *(0,) * 41, *(3,) * 10)
 """Right to left: something, free, unknown."""

@@ -16,7 +16,6 @@ from console.server import ConsoleServer
 from navcore.modes import Mode
 
 pytestmark = pytest.mark.browser
-expect.set_options(timeout=60_000)
 NAMELESS = """
 () => [...document.querySelectorAll('input, select, textarea, button, a[href], iframe, dialog')]
   .filter((e) => e.checkVisibility())

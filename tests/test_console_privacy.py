@@ -419,6 +419,8 @@ def test_a_browser_sees_the_walker_only_while_it_says_so_and_the_walker_is_told(
         stream_until(stream, "view['watchers'] == [{'name': 'Ada', 'told': True}]")
         stream.send(json.dumps({"type": "watching", "watching": []}))
         stream_until(stream, "view['state'] is None")
+    # Whoever has watched is written down a moment after they are sent it.
+    server.services.watching.look()
     log = ada.http.get("/api/privacy").json()["accesses"]
     assert ("Ada", "watch", "Lead glasses") in {(each["who"], each["what"], each["device"]) for each in log}
 
@@ -536,7 +538,9 @@ def test_from_a_browser_that_watches_to_the_walkers_ear_and_back(
     token = ada.http.post("/api/tokens", json={"name": "Lead glasses"}).raise_for_status().json()["token"]
     journal = EventJournal(tmp_path / "events.sqlite")
     clock = SteppedClock(100.0)
-    link = ConsoleLink(LinkSettings(server.ready.url.replace("http", "ws"), token, tmp_path / "in"), journal, clock)
+    # Once it is gone, the link stays away: what it is to the walker is looked at meanwhile.
+    url = server.ready.url.replace("http", "ws")
+    link = ConsoleLink(LinkSettings(url, token, tmp_path / "in", first_pause_s=WAIT_S), journal, clock)
     rig = Rig(link=link, clock=clock)
     rig.agent.state = replace(rig.agent.state, map_checksum=server.services.package.checksum)
 

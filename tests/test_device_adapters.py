@@ -225,8 +225,9 @@ def test_a_camera_without_pictures_raises_and_goes_on_raising(make: MakeCamera, 
 @pytest.mark.parametrize("make", CAMERAS)
 def test_a_closed_camera_raises_and_may_be_closed_again(make: MakeCamera, tmp_path: Path) -> None:
     with ExitStack() as stack:
-        camera = make(_clock_for(make), tmp_path, stack)
-        camera.read()
+        clock = _clock_for(make)
+        camera = make(clock, tmp_path, stack)
+        _fresh(camera, clock)
         camera.close()
         camera.close()
         with pytest.raises(SensorError):
@@ -245,18 +246,18 @@ class HandFedCamera:
 
     def hand(self, entry: Frame | Exception) -> None:
         with self._ready:
+            assert self._ready.wait_for(lambda: self._asked > 0, 60.0)
             asked = self._asked
             self._handed.append(entry)
             self._ready.notify_all()
             # The thread asks again only after it has passed the entry on.
-            assert self._ready.wait_for(lambda: self._asked > asked or not self._handed, 10.0)
-            assert self._ready.wait_for(lambda: self._asked > asked, 10.0)
+            assert self._ready.wait_for(lambda: self._asked > asked, 60.0)
 
     def read(self) -> Frame:
         with self._ready:
             self._asked += 1
             self._ready.notify_all()
-            assert self._ready.wait_for(lambda: bool(self._handed), 10.0)
+            assert self._ready.wait_for(lambda: bool(self._handed), 60.0)
             entry = self._handed.pop(0)
         if isinstance(entry, Exception):
             raise entry

@@ -69,7 +69,7 @@ class Device:
 
     def wait_for(self, condition: Callable[[], bool]) -> None:
         with self.changed:
-            assert self.changed.wait_for(condition, 15.0), "the device waited in vain"
+            assert self.changed.wait_for(condition, 60.0), "the device waited in vain"
 
 
 @pytest.fixture

@@ -116,7 +116,9 @@ def test_a_live_loop_in_its_own_thread_is_heard_and_its_end_as_well(
     thread.start()
     eventually(lambda: "WATCHDOG=1" in listener.said())
     stopped.set()
-    thread.join(10.0)
+    thread.join(60.0)
+    # The socket's queue is short, and nothing waits for room in it.
+    listener.said()
     notifier.stopping()
     notifier.alive()
     assert listener.said()[-1] == "STOPPING=1"

@@ -311,7 +311,9 @@ def test_the_command_looks_at_everything_and_fails_where_something_does(
     code = main([*common, "--site", str(tmp_path / "site")])
     findings = {entry["check"]: entry for entry in json.loads(capsys.readouterr().out)}
     assert tuple(findings) == NAMES
-    allowed = {"clock", "system", "audio" if not Speech().available else ""}
+    # A machine on which a picture is late for want of a processor says so.
+    assert "pictures a second" in findings["camera"]["found"]
+    allowed = {"camera", "clock", "system", "audio" if not Speech().available else ""}
     assert {name for name, entry in findings.items() if entry["status"] == "failed"} <= allowed
     assert code == int(any(entry["status"] == "failed" for entry in findings.values()))
     assert "the floor agrees" in findings["calibration"]["found"]

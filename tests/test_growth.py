@@ -105,6 +105,8 @@ class Room:
             # What has come and nobody has read is not waited for.
             socket.close_timeout = 0.05
             socket.close()
+            if socket.keepalive_thread is not None:
+                socket.keepalive_thread.join(WAIT_S)
         until(hub, lambda known: known.device_id == device_id and not known.connected)
 
     def later(self, seconds: float) -> None:

@@ -56,6 +56,13 @@ class States:
             assert self.changed.wait_for(lambda: any(map(holds, self.seen)), 60.0), "the link never stood so"
             return next(filter(holds, self.seen))
 
+    def waiting_again(self, after: int) -> None:
+        """Wait until the link has failed twice since it had told of itself so often."""
+        with self.changed:
+            assert self.changed.wait_for(
+                lambda: sum(state.condition is LinkCondition.WAITING for state in self.seen[after:]) >= 2, 60.0
+            )
+
     def joined(self, count: int = 1) -> None:
         with self.changed:
             assert self.changed.wait_for(
@@ -225,10 +232,11 @@ def test_a_network_that_swallows_everything_is_found_out_and_nothing_is_missing_
     link = ends.link(SystemClock(), answer_timeout_s=0.5)
     link.start(Device())
     ends.states.joined()
+    before = len(ends.states.seen)
     ends.network.swallows = True
     for number in range(100):
         link.event(float(number), "cue", str(number))
-    ends.states.wait_for(lambda state: state.failure_count >= 2)
+    ends.states.waiting_again(before)
     ends.network.swallows = False
     ends.shown(lambda device: any(event.text == "99" for event in device.events))
     link.stop()
@@ -263,7 +271,9 @@ def test_the_clocks_offset_is_wrong_by_no_more_than_it_says_over_a_lopsided_netw
     assert told.clock_offset_s is not None
     assert told.clock_uncertainty_s is not None
     assert told.clock_uncertainty_s >= 0.1
-    assert 0.05 < abs(told.clock_offset_s - true_offset_s) <= told.clock_uncertainty_s
+    # However long the two took: what one way takes longer than the other is half in the error.
+    least_s = 0.2 - told.clock_uncertainty_s - 1e-3
+    assert least_s <= abs(told.clock_offset_s - true_offset_s) <= told.clock_uncertainty_s
     captured_s, true_s = clock.now_s() - 3.0, hub.now_s() - 3.0
     link.state(state_at(captured_s))
     shown = ends.shown(lambda device: device.state is not None and device.state.stamp_s == captured_s)

@@ -90,10 +90,12 @@ def test_a_walker_is_asked_for_a_picture_only_once_that_is_written_down(
 
 
 def test_whoever_presses_without_end_keeps_nobody_else_from_stopping_the_walker_and_the_link_holds(
-    server: ConsoleServer, device: DialledDevice
+    server: ConsoleServer, device: DialledDevice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     hub, sent = server.services.hub, list[type[ConsoleMessage]]()
     counted = Allowances(MESSAGES, Direction.DOWN, 0.0)
+    pressed_s = hub.now_s()
+    monkeypatch.setattr(hub, "now_s", lambda: pressed_s)
     for stop, kind in ((hub.pause, Pause), (hub.clear, ClearDestination)):
         with pytest.raises(TooManyError):  # noqa: PT012
             for _ in range(int(2 * BURST_S * STOPS_OF_PERSON_HZ)):

@@ -468,9 +468,11 @@ def test_a_past_walk_in_the_scene_is_never_taken_for_live_and_ends_by_itself(
     async def drawn(request: ViewRequest | None, after_s: float = 0.0) -> LiveView:
         if request is not None:
             view.take(request)
-        view.tick(dataclasses.replace(live, now_s=hub.now_s() + after_s, others=(device,)))
+        ticked_s.append(hub.now_s())
+        view.tick(dataclasses.replace(live, now_s=ticked_s[-1] + after_s, others=(device,)))
         return view.past.view(live)
 
+    ticked_s: list[float] = []
     browser.run(drawn(past))
     assert tuple(node(browser, "/walker").position) == pytest.approx((4.0, 1.0, 0.0))
     assert node(browser, "/walker/cue").text == words, "no word of then is heard now"
@@ -478,7 +480,7 @@ def test_a_past_walk_in_the_scene_is_never_taken_for_live_and_ends_by_itself(
     assert node(browser, "/walker/figure/body").color == look.WALKER_STALE
     trail, route = (np.asarray(node(browser, f"/live/{name}").colors).reshape(-1, 3) for name in ("trail", "route"))
     assert {tuple(each) for each in (*trail.tolist(), *route.tolist())} == {look.WALKER_STALE}
-    assert hub.now_s() - node(browser, "/live/beat").position[0] < 1.0, "the scene itself is not old"
+    assert ticked_s[-1] - node(browser, "/live/beat").position[0] < 1.0, "the scene itself is not old"
     others = [node(browser, f"/others/{number}") for number in range(1)]
     assert not any(each is not None and each.visible for each in others), "nothing of now stands beside it"
     for end in (drawn(EndPast()), drawn(past), drawn(None, SILENCE_S + 0.1)):

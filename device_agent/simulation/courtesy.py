@@ -29,8 +29,8 @@ _HURRIES = 0.5
 to each other, both of them, where they would come nearer than a metre (A.-H. Olivier et al., "Minimal predicted
 distance", Gait & Posture 36, 2012); that it is by pace, and by how much, is assumed."""
 _SEEN_RAD, _KNOWN_RAD, _KNOWN_S = math.radians(100.0), math.radians(150.0), 3.0
-"""The visual field reaches so far from straight ahead. Farther, people know for a while of whom they have just seen; who
-is right behind them they do not know of."""
+"""The visual field reaches so far from straight ahead. Farther aside, people know for a while of whom they have just
+seen; who is right behind them they do not know of."""
 _MOVES_M_S = 0.2
 _GOES_BACK_S, _LETS_PASS_S = 3.0, 12.0
 """Who has stood before the walker for so long without being passed goes back to where there is more room, and waits."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import threading
+import time
 from collections.abc import Callable, Iterable
 
 from websockets.asyncio.server import ServerConnection, serve
@@ -85,8 +86,12 @@ class Console:
         self._do(send())
 
     def wait_for(self, condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
+        deadline_s = time.monotonic() + timeout_s
         with self._changed:
-            assert self._changed.wait_for(condition, timeout_s), "the console waited in vain"
+            while not condition():
+                assert time.monotonic() < deadline_s, "the console waited in vain"
+                # Some look at what changes without telling of it.
+                self._changed.wait(0.05)
 
     def of_type(self, kind: type) -> list:  # type: ignore[type-arg]
         return [message for message in self.seen if isinstance(message, kind)]

@@ -24,6 +24,8 @@ from navcore.wire import RouteChanged
 
 _BLOCKING = frozenset({Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE})
 _SEEKING = frozenset({TurnKind.ASIDE, TurnKind.LOOK})
+_TO_AND_FRO_COUNT = 4
+"""Who has been turned to the other side so often without a step is turned to and fro."""
 _NEAREST_BLOCK_M = 0.3
 _FARTHEST_BLOCK_M = 3.0
 
@@ -107,13 +109,15 @@ def _anew(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float, h
 def _is_blocked(state: DeviceState, now_s: float) -> bool:
     """Whether the walker has stood before something for so long that another way is to be looked for.
 
-    Turning to and fro for a way round gets twice the time, but is no going on for ever either.
+    Turning to and fro for a way round gets twice the time, but is no going on for ever either; nor is being turned so
+    to the route, whatever the reason.
     """
     guidance = state.guidance
     if guidance is None:
         return False
     stands = guidance.action is Action.STOP and guidance.reason in _BLOCKING
-    seeks = guidance.trace.turn in _SEEKING and guidance.reason is not Reason.POSE_LOST
+    to_and_fro = guidance.action is Action.TURN and guidance.trace.reversals_count >= _TO_AND_FRO_COUNT
+    seeks = (guidance.trace.turn in _SEEKING or to_and_fro) and guidance.reason is not Reason.POSE_LOST
     if not (stands or seeks):
         return False
     planning, since_s = state.settings.planning, guidance.trace.stopped_since_s

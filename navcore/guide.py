@@ -136,7 +136,15 @@ class _Cycle:
 
     def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
-        return self.result(Action.TURN, direction, reason, replace(trace, turn=kind), why)
+        trace = replace(trace, turn=kind, reversals_count=trace.reversals_count + self._reverses(direction))
+        return self.result(Action.TURN, direction, reason, trace, why)
+
+    def _reverses(self, direction: RelativeAngle) -> bool:
+        """Whether a turn is to the other side than the one that was told in the frame before."""
+        before = self.previous
+        if before is None or before.action is not Action.TURN or before.direction is None:
+            return False
+        return before.direction * direction < 0.0
 
     def turn_along(self, error: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
@@ -579,7 +587,7 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, w
             if stopped:
                 return cycle.stop(before.reason, waiting, waits)
             return cycle.turn(TurnKind.ASIDE, direction, waiting, waits)
-    going = replace(trace, stopped_since_s=None, look_count=0, lost_turning_rad=None)
+    going = replace(trace, stopped_since_s=None, look_count=0, reversals_count=0, lost_turning_rad=None)
     return cycle.walk(direction, going, why)
 
 
@@ -702,6 +710,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         valid_fraction=cycle.scan.valid_fraction,
         stopped_since_s=cycle.stamp_s if stopped_since_s is None else stopped_since_s,
         look_count=0 if before is None else before.look_count,
+        reversals_count=0 if before is None else before.reversals_count,
         sure_count=sure_count,
         uncertain_since_s=None if sure else cycle.stamp_s if uncertain_since_s is None else uncertain_since_s,
     )

@@ -557,6 +557,8 @@ class DecisionTrace:
     """Where the walker turns to look for a way round what blocks the expected direction."""
     look_count: int = 0
     """Sides that have been looked at since the walker last walked."""
+    reversals_count: int = 0
+    """How often the walker was turned to the other side since they last walked."""
     uncertain_since_s: float | None = None
     """Since when the pose has not been sure; None while it is."""
     rule: str = ""

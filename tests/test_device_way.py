@@ -90,6 +90,15 @@ def test_who_is_turned_to_and_fro_before_something_is_led_another_way_at_last(tu
     assert plan_if_needed(lost, at(2.0), 10 * HOLD_S) == (lost, ()), "who looks round for a known place is not blocked"
 
 
+def test_who_is_turned_to_and_fro_to_the_route_is_led_another_way_at_last():
+    told = {"turn": TurnKind.ALONG, "nearest_ahead_m": 0.7}
+    state = standing(leading(), Action.TURN, Reason.OK, 0.0, reversals_count=4, **told)
+    assert plan_if_needed(state, at(2.0), 2 * HOLD_S - 0.1) == (state, ())
+    assert stops(plan_if_needed(state, at(2.0), 2 * HOLD_S)[0]) == ["a", "d", "c", "b"]
+    slow = standing(leading(), Action.TURN, Reason.OK, 0.0, reversals_count=1, **told)
+    assert plan_if_needed(slow, at(2.0), 10 * HOLD_S) == (slow, ()), "who takes their time is not blocked"
+
+
 @pytest.mark.parametrize("reason", [Reason.POSE_LOST, Reason.PAUSED, Reason.DEPTH_INVALID, Reason.SENSOR_STALE])
 def test_a_stop_for_another_reason_is_no_blocked_way(reason: Reason):
     state = standing(leading(), Action.STOP, reason, 0.0)

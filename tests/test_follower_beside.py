@@ -12,8 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from navcore.angles import world_angle
+from navcore.follower.aim import aim
 from navcore.follower.beside import Line, direction_rad, known_places_m, line_beside
-from navcore.types import ObstacleScan, Pose2D, Route
+from navcore.settings import Settings
+from navcore.types import DecisionTrace, ObstacleScan, Pose2D, Route
 
 HALF_M, AHEAD_M = 0.35, 1.2
 ROAD = route_along((0, 0), (10, 0))
@@ -107,6 +109,28 @@ def test_it_ends_where_the_road_turns_sharply() -> None:
     assert line_beside(ROAD, 0, 1, pose, scan_of(pose, places), AHEAD_M, HALF_M, 0.0) is None
     assert line_beside(ROAD, 0, 12, pose, scan_of(pose, places), AHEAD_M, HALF_M, 0.0) is None
     assert line_beside(ROAD, 0, 40, pose, scan_of(pose, places), AHEAD_M, HALF_M, 0.0) is not None
+
+
+def test_a_line_that_was_begun_behind_a_corner_is_kept_by_who_turns_to_it() -> None:
+    """The camera is before the body's axis: turning on the spot it comes a little before the corner again."""
+    route, settings = route_along((0, 0), (6, 0), (6, 8)), Settings()
+    places = box_on(6.0, 1.2)
+    pose = Pose2D(6.0, 0.2, world_angle(math.pi / 2))
+    corner = aim(route, Pose2D(5.9, 0.0, pose.heading), 0.0, None, scan_of(pose, places), settings)
+    assert corner.goal.passed_index > 0
+    trace = DecisionTrace(sub_goal=corner.goal, closest_index=corner.closest_index)
+    begun = aim(route, pose, 0.0, trace, scan_of(pose, places), settings)
+    assert begun.closest_index >= corner.goal.passed_index
+    assert begun.offset_m != 0.0
+    turned = Pose2D(5.85, -0.02, world_angle(math.pi / 2 + 0.4))
+    for offset_m, kept in ((begun.offset_m, True), (0.0, False)):
+        before = replace(trace, closest_index=begun.closest_index, sub_goal=begun.goal, offset_m=offset_m)
+        there = aim(route, turned, 0.0, before, scan_of(turned, places), settings)
+        assert there.closest_index < there.goal.passed_index
+        assert (there.offset_m * begun.offset_m > 0.0) is kept
+    far_back = Pose2D(5.2, 0.0, turned.heading)
+    before = replace(before, offset_m=begun.offset_m)
+    assert aim(route, far_back, 0.0, before, scan_of(far_back, places), settings).offset_m == 0.0
 
 
 @given(

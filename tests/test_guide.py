@@ -136,6 +136,16 @@ def test_who_faces_away_is_turned_on_the_spot_even_before_a_wall():
     assert math.degrees(result.direction or 0.0) == pytest.approx(-170, abs=1.0)
 
 
+def test_turns_to_the_other_side_are_counted_until_a_step_is_told():
+    result, counts = decide(at(2.0, 0.0, 60.0), seen(at(2.0, 0.0, 60.0))), []
+    for tenth, heading_deg in enumerate((50.0, -50.0, -60.0, 50.0, 0.0, 0.0)):
+        here = at(2.0, 0.0, heading_deg, tenth / 10)
+        result = decide(here, seen(here), result)
+        counts.append((result.action, result.trace.reversals_count))
+    turns = [(Action.TURN, count) for count in (0, 1, 1, 2)]
+    assert counts == [*turns, (Action.WALK, 0), (Action.WALK, 0)]
+
+
 def test_one_frame_stops_and_three_are_needed_to_leave():
     here = at(2.0)
     blocked, free = seen(here, box(2.6, -3, 3.0, 3)), seen(here)

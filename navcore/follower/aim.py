@@ -13,6 +13,9 @@ from navcore.follower.sub_goal import closest_point, closest_point_anywhere, dis
 from navcore.settings import Settings
 from navcore.types import DecisionTrace, ObstacleScan, Pose2D, Route, SubGoal
 
+_TURNED_BACK_M = 0.5
+"""So far before a corner they have passed somebody may be again by turning on the spot."""
+
 
 @dataclass(frozen=True, slots=True)
 class Aim:
@@ -102,13 +105,16 @@ def _line(
     settings: Settings,
 ) -> Line | None:
     """Return the line round what stands on the road; none at a corner, which is turned at first."""
-    if goal.passed_index > closest_index:
+    follower, last_offset_m = settings.follower, 0.0 if before is None else before.offset_m
+    behind_index = max(closest_index, goal.passed_index)
+    short_of_m = float(route.arc_length_m[behind_index] - route.arc_length_m[closest_index])
+    # The camera moves as the head turns: who has begun such a line behind a corner would lose it by turning to it.
+    if short_of_m > (_TURNED_BACK_M if last_offset_m != 0.0 else 0.0):
         return None
-    follower = settings.follower
-    until_index = road_centred.straight_until(route, closest_index, goal, follower)
+    until_index = road_centred.straight_until(route, behind_index, goal, follower)
     return line_beside(
-        route, closest_index, until_index, pose, scan,
+        route, behind_index, until_index, pose, scan,
         road_centred.look_ahead_m(speed_m_s, follower),
         settings.obstacle.person_width_m / 2.0,
-        0.0 if before is None else before.offset_m,
+        last_offset_m,
     )  # fmt: skip

@@ -136,15 +136,19 @@ class _Cycle:
 
     def turn(self, kind: TurnKind, direction: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         reason = Reason.OFF_ROAD if _is_off_road(trace, self.settings) else Reason.OK
-        trace = replace(trace, turn=kind, reversals_count=trace.reversals_count + self._reverses(direction))
+        trace = replace(trace, turn=kind, reversals_count=trace.reversals_count + self._reverses(kind, direction))
         return self.result(Action.TURN, direction, reason, trace, why)
 
-    def _reverses(self, direction: RelativeAngle) -> bool:
-        """Whether a turn is to the other side than the one that was told in the frame before."""
+    def _reverses(self, kind: TurnKind, direction: RelativeAngle) -> bool:
+        """Whether a turn is to the other side than the one that was told in the frame before, on a known pose.
+
+        Turns around do not count: to which side what lies behind is nearer changes with every sway.
+        """
         before = self.previous
-        if before is None or before.action is not Action.TURN or before.direction is None:
+        if before is None or before.direction is None or before.reason is Reason.POSE_LOST:
             return False
-        return before.direction * direction < 0.0
+        around = TurnKind.AROUND in (kind, before.trace.turn) or abs(before.direction) + abs(direction) > math.pi
+        return before.action is Action.TURN and not around and before.direction * direction < 0.0
 
     def turn_along(self, error: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""

@@ -128,6 +128,8 @@ def test_a_line_that_was_begun_behind_a_corner_is_kept_by_who_turns_to_it() -> N
         there = aim(route, turned, 0.0, before, scan_of(turned, places), settings)
         assert there.closest_index < there.goal.passed_index
         assert (there.offset_m * begun.offset_m > 0.0) is kept
+    other_leg = replace(before, offset_m=begun.offset_m, sub_goal=replace(begun.goal, passed_index=0))
+    assert aim(route, turned, 0.0, other_leg, scan_of(turned, places), settings).offset_m == 0.0
     far_back = Pose2D(5.2, 0.0, turned.heading)
     before = replace(before, offset_m=begun.offset_m)
     assert aim(route, far_back, 0.0, before, scan_of(far_back, places), settings).offset_m == 0.0

@@ -146,6 +146,17 @@ def test_turns_to_the_other_side_are_counted_until_a_step_is_told():
     assert counts == [*turns, (Action.WALK, 0), (Action.WALK, 0)]
 
 
+def test_who_stands_with_their_back_to_the_way_is_not_turned_to_and_fro():
+    """Somebody who talks to somebody behind them sways: to which side they would turn changes, and means nothing."""
+    result = None
+    for tenth in range(200):
+        heading_deg = 180.0 + 45.0 * math.sin(tenth / 4.0)
+        here = at(2.0, 0.0, heading_deg, tenth / 10)
+        result = decide(here, seen(here), result)
+        assert result.action is Action.TURN
+        assert result.trace.reversals_count == 0
+
+
 def test_one_frame_stops_and_three_are_needed_to_leave():
     here = at(2.0)
     blocked, free = seen(here, box(2.6, -3, 3.0, 3)), seen(here)

@@ -106,10 +106,12 @@ def _line(
 ) -> Line | None:
     """Return the line round what stands on the road; none at a corner, which is turned at first."""
     follower, last_offset_m = settings.follower, 0.0 if before is None else before.offset_m
+    last_goal = None if before is None else before.sub_goal
+    begun = last_offset_m != 0.0 and last_goal is not None and last_goal.passed_index == goal.passed_index
     behind_index = max(closest_index, goal.passed_index)
     short_of_m = float(route.arc_length_m[behind_index] - route.arc_length_m[closest_index])
     # The camera moves as the head turns: who has begun such a line behind a corner would lose it by turning to it.
-    if short_of_m > (_TURNED_BACK_M if last_offset_m != 0.0 else 0.0):
+    if short_of_m > (_TURNED_BACK_M if begun else 0.0):
         return None
     until_index = road_centred.straight_until(route, behind_index, goal, follower)
     return line_beside(

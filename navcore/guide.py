@@ -39,7 +39,7 @@ from navcore.follower.look import (
     SIDES,
     look_target,
 )
-from navcore.follower.road_centred import stopping_distance_m, walking_velocity_m_s
+from navcore.follower.road_centred import SPEED_MEMORY_S, stopping_distance_m, walking_velocity_m_s
 from navcore.follower.sub_goal import has_arrived
 from navcore.follower.turning import turn_to_route
 from navcore.obstacle.corridor import clearance_ahead_m
@@ -128,8 +128,11 @@ class _Cycle:
     scan: ObstacleScan
     sonar: SonarReading
     previous: Guidance | None
+    """What was decided in the frame before, on the same route."""
     settings: Settings
     route_version: int
+    walked: Guidance | None
+    """What was decided in the frame before, on whatever route: how somebody moves is theirs, not the route's."""
 
     def stop(self, reason: Reason, trace: DecisionTrace, why: _Why) -> Guidance:
         return self.result(Action.STOP, None, reason, trace, why)
@@ -197,11 +200,13 @@ def guide(
         settings: all thresholds.
         paused: guidance is held.
         wanted: a destination is wanted, so that the lack of a route means only that its beginning is not known yet.
-        route_version: changes with the route; what was remembered about another one is dropped.
+        route_version: changes with the route; what was remembered about another one is dropped, but for how the
+            walker moves.
     """
     cycle = _Cycle(
         stamp_s, scan, current_reading(sonar, stamp_s, settings.gate),
         previous if previous is not None and previous.route_version == route_version else None, settings, route_version,
+        previous,
     )  # fmt: skip
     trace = _sensed(cycle, localization)
     if paused:
@@ -375,13 +380,16 @@ def _stands(cycle: _Cycle) -> bool:
 def _room_to_stop_m(cycle: _Cycle, trace: DecisionTrace) -> float:
     """Return how much room in front is needed to be stopped now, by somebody who is slow to react.
 
-    Who has been told to walk may still be gaining speed until they react, up to their own.
+    Who has been told to walk may still be gaining speed until they react, up to their own; and have gained some since
+    the moment that their measured speed is of.
     """
-    slow_s, speed_m_s, then_m_s = cycle.settings.obstacle.slow_reaction_s, trace.speed_m_s, trace.speed_m_s
-    if cycle.previous is not None and cycle.previous.action is Action.WALK:
-        usual_m_s = max(_USUAL_SPEED_M_S, trace.fastest_m_s)
-        then_m_s = max(speed_m_s, min(speed_m_s + _GAINS_M_S2 * slow_s, usual_m_s))
-    return _BODY_M + stopping_distance_m(then_m_s, slow_s) - (then_m_s - speed_m_s) / 2.0 * slow_s
+    slow_s, speed_m_s, gains_s = cycle.settings.obstacle.slow_reaction_s, trace.speed_m_s, 0.0
+    if cycle.walked is not None and cycle.walked.action is Action.WALK:
+        usual_m_s = max(_USUAL_SPEED_M_S, trace.fastest_m_s, speed_m_s)
+        speed_m_s = min(speed_m_s + _GAINS_M_S2 * SPEED_MEMORY_S, usual_m_s)
+        gains_s = min(slow_s, (usual_m_s - speed_m_s) / _GAINS_M_S2)
+    then_m_s = speed_m_s + _GAINS_M_S2 * gains_s
+    return _BODY_M + stopping_distance_m(then_m_s, slow_s) - (then_m_s - speed_m_s) / 2.0 * gains_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -643,7 +651,7 @@ def _is_finite(pose: Pose2D) -> bool:
 
 
 def _velocity_m_s(cycle: _Cycle, pose: Pose2D, is_held: bool) -> tuple[float, float]:
-    before = cycle.previous
+    before = cycle.walked
     if is_held and before is not None:
         # Whoever walked walks on: they need as much room to stop as before.
         return before.trace.velocity_m_s
@@ -702,7 +710,10 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
         heading=None if pose is None else pose.heading,
         position=None if pose is None else (pose.x_m, pose.y_m),
         velocity_m_s=velocity_m_s,
-        fastest_m_s=max(0.0 if before is None else before.fastest_m_s, min(_FASTEST_M_S, math.hypot(*velocity_m_s))),
+        fastest_m_s=max(
+            0.0 if cycle.walked is None else cycle.walked.trace.fastest_m_s,
+            min(_FASTEST_M_S, math.hypot(*velocity_m_s)),
+        ),
         lost_turning_rad=None if before is None else before.lost_turning_rad,
         rejoined_from=None if before is None else before.rejoined_from,
         candidates=cycle.scan.candidates,

@@ -506,7 +506,7 @@ class DecisionTrace:
     velocity_m_s: tuple[float, float] = (0.0, 0.0)
     """How fast the walker has been walking lately, and where to, in the world."""
     fastest_m_s: float = 0.0
-    """How fast the walker has walked at most since they set out: so fast they may be again in a step or two."""
+    """How fast the walker has walked at most, on whatever route: so fast they may be again in a step or two."""
     lost_turning_rad: RelativeAngle | None = None
     """The turn to the route during which the pose was last lost, until the walker walks: by the other side it holds."""
     expected: WorldAngle | None = None

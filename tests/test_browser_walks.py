@@ -89,7 +89,7 @@ def test_a_past_walk_is_played_scrubbed_and_stepped(small_site: Site, tmp_path: 
         expect(state).to_have_text("Paused")
         page.keyboard.press("End")
         page.keyboard.press("p")
-        expect(mark).not_to_have_text("Past walk: 0:16.0")
+        expect(mark).not_to_have_text("Past walk: 0:16.4")
 
         # Played ten times as fast, it comes to its end by itself.
         page.keyboard.press("Home")
@@ -98,7 +98,7 @@ def test_a_past_walk_is_played_scrubbed_and_stepped(small_site: Site, tmp_path: 
         expect(page.locator("#play")).to_have_text("Pause")
         expect(action).to_contain_text("Arrived")
         expect(page.locator("#play")).to_have_text("Play")
-        expect(page.locator("#player-time")).to_have_text("0:16.0 of 0:16")
+        expect(page.locator("#player-time")).to_have_text("0:16.4 of 0:16")
         expect(page.locator("#walk-figures")).to_contain_text("Deviation, mean")
         expect(page.locator("#legs tr")).to_have_count(1)
         assert faults(page) == []

@@ -216,6 +216,34 @@ def test_the_memory_of_another_route_is_dropped():
     assert decide(here, seen(here), stale, route_version=1).trace.closest_index != 20
 
 
+def test_how_somebody_walks_is_remembered_when_the_route_changes():
+    """At 1.0 m/s, and a wall 1.6 m ahead, in the frame in which another route is planned."""
+    before, here = walking_at(1.0)
+    found = seen(here, box(3.6, -3, 3.8, 3))
+    same, other = (decide(here, found, before, route_version=version) for version in (0, 1))
+    assert other.trace.speed_m_s == same.trace.speed_m_s > 0.9
+    assert other.trace.fastest_m_s == same.trace.fastest_m_s
+    assert other.trace.stop_m == same.trace.stop_m
+    assert same.action is other.action is not Action.WALK
+
+
+def test_who_gains_speed_has_room_to_stop_from_the_speed_that_they_have_and_not_from_the_one_that_is_measured():
+    x_m, speed_m_s, result, gains_m_s2 = 1.0, 0.0, None, 0.6
+    reaction_s, usual_m_s = SETTINGS.obstacle.slow_reaction_s, 0.85
+    for tenth in range(14):
+        here = at(x_m, stamp_s=tenth / 10)
+        result = decide(here, seen(here), result)
+        assert result.action is Action.WALK
+        if tenth > 2:
+            gains_s = min(reaction_s, (usual_m_s - speed_m_s) / gains_m_s2)
+            then_m_s = speed_m_s + gains_m_s2 * gains_s
+            goes_m = (speed_m_s + then_m_s) / 2.0 * gains_s + then_m_s * (reaction_s - gains_s) + then_m_s**2 / 2.4
+            assert result.trace.stop_m is not None
+            assert result.trace.stop_m >= 0.25 + goes_m - 0.03, f"at {speed_m_s:.2f} m/s"
+        gained_m_s = min(usual_m_s, speed_m_s + 0.1 * gains_m_s2)
+        x_m, speed_m_s = x_m + 0.1 * (speed_m_s + gained_m_s) / 2.0, gained_m_s
+
+
 def test_who_is_found_again_goes_on_along_their_own_leg():
     out_and_back = route_along((0, 0), (10, 0), (10, 0.8), (0, 0.8))
     here = at(3.0, 0.3)

@@ -347,8 +347,8 @@ def test_a_folder_without_walks_says_so_and_a_walk_is_shown_in_words(
     assert command is not None
     assert main(shlex.split(command[1])) == 0
     shown = capsys.readouterr().out
-    assert "decisions  walk 64% (52), stop 26% (21), turn 10% (8)" in shown
-    assert "arrived 15% (12), pose lost 9% (7)" in shown
+    assert "decisions  walk 64% (53), stop 25% (21), turn 11% (9)" in shown
+    assert "arrived 14% (12), pose lost 8% (7)" in shown
     assert "2.40 s  “Stop. Paused.”" in shown
     assert not re.search(r"[{}_]", shown), "no raw fields"
 

@@ -30,7 +30,7 @@ from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
 from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261130T155846Z-glasses-344b1125-w1"
+WALK = "20261130T214315Z-glasses-b55bee2d-w1"
 WAIT_S = 120.0
 
 
@@ -74,7 +74,7 @@ def test_other_settings_are_compared_with_then_and_remembered(what_ifs: WhatIfs)
     assert (run.state, run.why, run.percent) == ("done", "", 100)
     assert run.not_judged == ("obstacle.low_height_m",), "never no change"
     assert run.result is not None
-    assert run.result.cycle_count == 81
+    assert run.result.cycle_count == 83
     assert 0.0 < run.result.different_s < run.result.length_s
     assert run.result.then.seconds["walk"] == pytest.approx(52 * 0.2, abs=0.25)
     assert sum(run.result.now.seconds.values()) == pytest.approx(run.result.length_s)
@@ -155,7 +155,7 @@ def test_unchanged_settings_replay_to_the_bit() -> None:
         spec.key: then[spec.key] for spec in setting_specs() if spec.replayed and spec.group in ("obstacle", "gate")
     }
     cycles = list(replay([RecordedPart(STORED_WALK)], changes=same))
-    assert len(cycles) == 81
+    assert len(cycles) == 83
     assert all(not cycle.differs_in and not decision_line(cycle)["differs_in"] for cycle in cycles)
 
 
@@ -204,9 +204,9 @@ def test_the_command_writes_each_decision_then_and_now(tmp_path: Path, capsys: p
     out = tmp_path / "decisions.jsonl"
     assert main(["walks", "replay", str(STORED_WALK), f"--decisions={out}", "--json"]) == 0
     lines = [json.loads(line) for line in out.read_text(encoding="utf-8").splitlines()]
-    assert len(lines) == json.loads(capsys.readouterr().out)["cycles"] == 81
+    assert len(lines) == json.loads(capsys.readouterr().out)["cycles"] == 83
     assert all(line["then"] == line["now"] and line["differs_in"] == [] for line in lines)
-    assert len(read_decisions(out)) == 81
+    assert len(read_decisions(out)) == 83
     # The words are those that the player of the same walk shows.
     with STORED_WALK.open("rb") as file:
         told = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages("/device")]

@@ -26,7 +26,8 @@ BRAKING_M_S2 = 1.2
 """How people who walk come to a stand (K. Hase, R. Stein, J. Neurophysiology 80, 1998)."""
 _ARM_M = 1.0
 """A corner is a bend between the directions of the road so far before and behind it: recorded corners are rounded."""
-_SPEED_MEMORY_S = 0.25
+SPEED_MEMORY_S = 0.25
+"""Time constant of the measured speed: of somebody who gains speed, it is the speed of so long ago."""
 _FASTEST_M_S = 2.0
 _LONGEST_GAP_S = 1.0
 _STRAIGHT_M = 5.0
@@ -50,7 +51,7 @@ def walking_velocity_m_s(before: DecisionTrace, gap_s: float, pose: Pose2D) -> t
         return 0.0, 0.0
     moved_m = pose.x_m - before.position[0], pose.y_m - before.position[1]
     scale = min(1.0 / gap_s, _FASTEST_M_S / max(math.hypot(*moved_m), 1e-9))
-    share = 1.0 - math.exp(-gap_s / _SPEED_MEMORY_S)
+    share = 1.0 - math.exp(-gap_s / SPEED_MEMORY_S)
     old_x, old_y = before.velocity_m_s
     return old_x + share * (scale * moved_m[0] - old_x), old_y + share * (scale * moved_m[1] - old_y)
 

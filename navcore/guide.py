@@ -98,6 +98,8 @@ _HIDDEN_BESIDE_RAD = math.radians(20.0)
 _FACED_RAD, _FACED_ROUGHLY_RAD = math.radians(9.0), math.radians(20.0)
 _BESIDE_MARGIN_M = 0.3
 """Free space beyond the point of a line round something."""
+_LOST_FARTHER_RAD = math.radians(10.0)
+"""Who loses their place in a turn loses it up to so far beyond where they knew it last."""
 _ON_ROAD_M, _ELSEWHERE_M = 0.2, 2.0
 """Who was led back to the road is on it from here; so far from where that began they may be led back again."""
 _FARTHEST_ASIDE_RAD = math.radians(40.0)
@@ -156,9 +158,11 @@ class _Cycle:
     def turn_along(self, error: RelativeAngle, trace: DecisionTrace, why: _Why) -> Guidance:
         """Turn to where the route leads: a U-turn where that is behind, and then always round the same side."""
         before = None if self.previous is None or self.previous.trace.turn not in _TO_THE_ROUTE else self.previous
+        lost = None
+        if trace.lost_towards is not None and trace.heading is not None:
+            lost = relative_to(trace.lost_towards, trace.heading)
         kind, side = turn_to_route(
-            error, None if before is None else before.trace.turn, None if before is None else before.direction,
-            trace.lost_turning_rad,
+            error, None if before is None else before.trace.turn, None if before is None else before.direction, lost
         )  # fmt: skip
         if kind is TurnKind.AROUND:
             why = replace(why, words=f"the route leads behind: turn around ({why.words})")
@@ -599,7 +603,7 @@ def _leave_stop(cycle: _Cycle, direction: RelativeAngle, trace: DecisionTrace, w
             if stopped:
                 return cycle.stop(before.reason, waiting, waits)
             return cycle.turn(TurnKind.ASIDE, direction, waiting, waits)
-    going = replace(trace, stopped_since_s=None, look_count=0, reversals_count=0, lost_turning_rad=None)
+    going = replace(trace, stopped_since_s=None, look_count=0, reversals_count=0, lost_towards=None)
     return cycle.walk(direction, going, why)
 
 
@@ -678,21 +682,25 @@ def _lost(cycle: _Cycle, trace: DecisionTrace, why: _Why) -> Guidance:
     before = None if cycle.previous is None else cycle.previous.trace
     index = None if before is None else before.closest_index if before.lost_index is None else before.lost_index
     since_s = cycle.stamp_s if before is None or before.lost_since_s is None else before.lost_since_s
-    trace = replace(
-        trace, lost_index=index, lost_since_s=since_s, sure_count=0, lost_turning_rad=_lost_turning_rad(cycle)
-    )
+    trace = replace(trace, lost_index=index, lost_since_s=since_s, sure_count=0, lost_towards=_lost_towards(cycle))
     if not LOOK_ROUND_AFTER_S <= cycle.stamp_s - since_s < LOOK_ROUND_AFTER_S + LOOK_ROUND_FOR_S:
         return cycle.stop(Reason.POSE_LOST, trace, why)
     trace = replace(trace, turn=TurnKind.LOOK)
     return cycle.result(Action.TURN, LOOK_ROUND, Reason.POSE_LOST, trace, why.then("look round for a known place"))
 
 
-def _lost_turning_rad(cycle: _Cycle) -> RelativeAngle | None:
-    """Return the turn to the route during which the pose has been lost, now or before."""
+def _lost_towards(cycle: _Cycle) -> WorldAngle | None:
+    """Return where the walker faced when the pose was lost in a turn to the route, now or before.
+
+    That is a little farther than where it was known last; who was told to stop may have turned on beyond it.
+    """
     before = cycle.previous
     if before is None:
         return None
-    return before.direction if before.trace.turn in _TO_THE_ROUTE else before.trace.lost_turning_rad
+    heading, direction = before.trace.heading, before.direction
+    if before.trace.turn not in _TO_THE_ROUTE or heading is None or direction is None:
+        return before.trace.lost_towards
+    return in_world(relative_angle(math.copysign(_LOST_FARTHER_RAD, direction)), heading)
 
 
 def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
@@ -714,7 +722,7 @@ def _sensed(cycle: _Cycle, localization: Localization) -> DecisionTrace:
             0.0 if cycle.walked is None else cycle.walked.trace.fastest_m_s,
             min(_FASTEST_M_S, math.hypot(*velocity_m_s)),
         ),
-        lost_turning_rad=None if before is None else before.lost_turning_rad,
+        lost_towards=None if before is None else before.lost_towards,
         rejoined_from=None if before is None else before.rejoined_from,
         candidates=cycle.scan.candidates,
         nearest_ahead_m=cycle.scan.nearest_ahead_m,

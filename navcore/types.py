@@ -507,8 +507,9 @@ class DecisionTrace:
     """How fast the walker has been walking lately, and where to, in the world."""
     fastest_m_s: float = 0.0
     """How fast the walker has walked at most, on whatever route: so fast they may be again in a step or two."""
-    lost_turning_rad: RelativeAngle | None = None
-    """The turn to the route during which the pose was last lost, until the walker walks: by the other side it holds."""
+    lost_towards: WorldAngle | None = None
+    """Where the walker faced when the pose was last lost in a turn to the route, until they walk: by the other side it
+    holds."""
     expected: WorldAngle | None = None
     """θ_exp (Eq. 3)."""
     sub_goal: SubGoal | None = None

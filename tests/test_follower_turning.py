@@ -10,10 +10,12 @@ from closed_loop import route_along
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from navcore.angles import relative_angle, world_angle
+from navcore.angles import relative_angle, relative_to, world_angle
+from navcore.follower.road_centred import expected_to, select_aim
 from navcore.follower.sub_goal import closest_point, closest_point_anywhere
 from navcore.follower.turning import turn_to_route
-from navcore.types import Pose2D, TurnKind
+from navcore.settings import FollowerSettings
+from navcore.types import Pose2D, SubGoal, SubGoalCase, TurnKind
 
 OUT_AND_BACK = route_along((0, 0), (10, 0), (10, 0.8), (0, 0.8))
 WINDOW_M = 4.0
@@ -148,14 +150,62 @@ def test_a_route_of_one_point_has_a_closest_point():
 
 
 @pytest.mark.parametrize("error_deg", [90.5, 100.0, 133.0, 157.0, -90.5, -157.0])
-def test_who_lost_the_place_on_one_side_turns_by_the_other_all_the_way(error_deg: float):
-    left_deg, before, last = error_deg, None, None
+@pytest.mark.parametrize("share", [0.1, 0.9, -0.1, -0.9])
+def test_who_lost_the_place_on_one_side_turns_by_the_other_all_the_way(error_deg: float, share: float):
+    left_deg, lost_deg, before, last = error_deg, share * error_deg, None, None
+    side = -math.copysign(1.0, lost_deg)
     while abs(left_deg) > 5.0:
-        before, last = turn_to_route(rad(left_deg), before, last, rad(error_deg))
-        assert last * error_deg < 0.0 or abs(left_deg) < 90.0
-        left_deg = (left_deg + math.copysign(10.0, error_deg) + 180.0) % 360.0 - 180.0
+        before, last = turn_to_route(rad(left_deg), before, last, rad(lost_deg))
+        assert last * side > 0.0 or abs(left_deg) < 90.0
+        left_deg, lost_deg = ((angle - side * 10.0 + 180.0) % 360.0 - 180.0 for angle in (left_deg, lost_deg))
+
+
+def test_what_was_lost_beyond_the_end_of_a_turn_is_not_in_its_way():
+    for error_deg, lost_deg in ((100.0, 110.0), (-100.0, -170.0), (149.0, -160.0)):
+        assert turn_to_route(rad(error_deg), None, None, rad(lost_deg))[1] == pytest.approx(rad(error_deg))
 
 
 def test_a_short_turn_is_made_the_short_way_whatever_was_lost():
     for error_deg in (60.0, 89.5):
         assert turn_to_route(rad(error_deg), None, None, rad(120.0))[1] == pytest.approx(rad(error_deg))
+
+
+@pytest.mark.parametrize("speed_m_s", [0.0, 0.4, 0.7, 1.1])
+@pytest.mark.parametrize("turn_deg", [0.0, 137.0])
+def test_who_cuts_a_corner_is_not_turned_beside_the_road_behind_it_by_walking_fast(speed_m_s: float, turn_deg: float):
+    """They walk along the road behind the corner already; the route has not come to the corner for them yet.
+
+    Somewhat to its side, they are led back to it: gently, and less so the farther ahead they will be led to.
+    """
+    turn = math.radians(turn_deg)
+    rotation = np.array([[math.cos(turn), -math.sin(turn)], [math.sin(turn), math.cos(turn)]])
+    route = route_along(*(tuple(rotation @ corner) for corner in ((0, 0), (10, 0), (10, 10))))
+    x_m, y_m = rotation @ (9.7, 0.25)
+    here = pose(float(x_m), float(y_m), 88.0 + turn_deg)
+    settings_ = FollowerSettings()
+    index, _ = closest_point(route, here, 95, WINDOW_M)
+    goal = select_aim(route, index, speed_m_s, SubGoal(0.0, 0.0, SubGoalCase.STRAIGHT, 0, 100), settings_)
+    assert goal.passed_index > index
+    expected = expected_to(route, goal, index, here, speed_m_s, settings_)
+    assert -math.radians(25.0) < relative_to(expected, here.heading) < 0.0
+
+
+@pytest.mark.parametrize("short_m", [0.0, 0.1, 0.2, 0.3])
+def test_who_comes_to_a_corner_is_told_the_turn_that_holds_where_they_stand(short_m: float):
+    route = route_along((0, 0), (10, 0), (10, 10))
+    here, settings_ = pose(10.0 - short_m, 0.0), FollowerSettings()
+    index, _ = closest_point(route, here, 95, WINDOW_M)
+    goal = select_aim(route, index, 0.3, SubGoal(0.0, 0.0, SubGoalCase.STRAIGHT, 0, 101), settings_)
+    expected = expected_to(route, goal, index, here, 0.3, settings_)
+    assert math.degrees(expected) == pytest.approx(90.0, abs=16.0)
+
+
+def test_who_cuts_a_corner_is_not_led_beyond_the_next_one():
+    """A short leg: who will stand on it by then is led on along it, as if it went straight on."""
+    route = route_along((0, 0), (10, 0), (10, 1.6), (0, 1.6))
+    here, settings_ = pose(9.7, 0.28, 90.0), FollowerSettings()
+    index, _ = closest_point(route, here, 95, WINDOW_M)
+    goal = select_aim(route, index, 0.7, SubGoal(0.0, 0.0, SubGoalCase.STRAIGHT, 0, 100), settings_)
+    assert goal.passed_index > index
+    expected = expected_to(route, goal, index, here, 0.7, settings_)
+    assert -math.radians(25.0) < relative_to(expected, here.heading) <= 0.0

@@ -504,7 +504,26 @@ def test_who_lost_their_place_while_turning_turns_the_other_way():
     ahead = at(2.0, stamp_s=2.0)
     walks = decide(ahead, seen(ahead), found)
     assert walks.action is Action.WALK
-    assert walks.trace.lost_turning_rad is None
+    assert walks.trace.lost_towards is None
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("found_deg", [0.0, 15.0, 40.0, 60.0])
+def test_a_turn_to_the_route_goes_on_by_the_side_on_which_the_place_was_not_lost(side: float, found_deg: float):
+    """A stretch of wall that the map does not know lies at 210°, and 20° to each side of it; the route leads to 0°.
+
+    Whoever was told to stop turns on a little: they are found before that stretch, or beyond it.
+    """
+    begun = decide(at(2.0, 0.0, side * 190.0), seen(at(2.0, 0.0, side * 190.0)))
+    assert begun.action is Action.TURN
+    lost = decide(at(2.0, quality="lost", stamp_s=0.1), seen(at(2.0)), begun)
+    began = 1.0 if begun.direction > 0.0 else -1.0
+    found = lost
+    for number in range(5):
+        here = at(2.0, 0.0, side * 190.0 + began * found_deg, stamp_s=0.2 + 0.1 * number)
+        found = decide(here, seen(here), found)
+    assert found.action is Action.TURN
+    assert found.direction * began > 0.0 if found_deg > 10.0 else found.direction * began < 0.0
 
 
 def test_the_first_steps_of_who_stands_lead_where_they_are_free():

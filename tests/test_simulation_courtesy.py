@@ -43,6 +43,18 @@ def test_where_there_is_no_room_they_stop_before_the_walker_and_go_back_after_a_
     assert max(x for x, *_ in trail[-200:]) > stopped + 0.9
 
 
+def test_nobody_goes_back_into_the_walker_who_stands_where_they_came_from() -> None:
+    """They have just turned round at the end of their path, at (0, 0): the walker is on the way that they came."""
+    courtesy, walker, room = Courtesy(standing_s=3.9), Seen(0.5, 0.5, 0.0, 0.3), 0.0
+    for k in range(200):
+        since_s = 0.01 + k * DT_S - courtesy.waited_s
+        here, back = (Placement(abs(at_s), 0.0, math.pi if at_s < 0.0 else 0.0) for at_s in (since_s, since_s - DT_S))
+        courtesy = given_way(courtesy, here, walker, lambda _x, _y: False, DT_S, back=back)
+        room = max(room, here.x_m)
+    assert courtesy.standing_s > 4.0 + 3.0, "longer than they would go back for"
+    assert room < 0.05
+
+
 def test_who_is_far_away_or_behind_is_not_given_way() -> None:
     for walker in ((-5.0, 0.0), (9.0, 0.0)):
         trail, courtesy = met(lambda _t, at=walker: at, seconds=3.0)

@@ -69,7 +69,14 @@ class Seen:
 
 
 def given_way(
-    courtesy: Courtesy, placement: Placement, walker: Seen, is_free: IsFree, dt_s: float, *, walks: bool = True
+    courtesy: Courtesy,
+    placement: Placement,
+    walker: Seen,
+    is_free: IsFree,
+    dt_s: float,
+    *,
+    walks: bool = True,
+    back: Placement | None = None,
 ) -> Courtesy:
     """Return how somebody gives way to the walker in the next moment.
 
@@ -80,16 +87,18 @@ def given_way(
         is_free: whether a person has room at a place (x, y).
         dt_s: the moment's length.
         walks: whether they would walk in it: nobody hurries who stands at an end of their path.
+        back: where they would be who goes back along their path in it; None where they have room behind them.
     """
     dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
     c, s = math.cos(placement.yaw_rad), math.sin(placement.yaw_rad)
     ahead_m, left_m = c * dx_m + s * dy_m, -s * dx_m + c * dy_m
-    distance_m = math.hypot(dx_m, dy_m)
+    distance_m = _distance_m(placement, walker)
     aside_rad = abs(math.atan2(left_m, ahead_m))
     sees = aside_rad <= _SEEN_RAD and distance_m <= _YIELDS_WITHIN_M
     courtesy = replace(courtesy, unseen_s=0.0 if sees else courtesy.unseen_s + dt_s)
     if courtesy.standing_s > _PATIENCE_S:
-        return _making_room(courtesy, dt_s)
+        goes_back = back is None or _distance_m(back, walker) >= distance_m
+        return _making_room(courtesy, dt_s, goes_back=goes_back)
     if ahead_m <= 0.0 and distance_m < _PASSED_M:
         knows = aside_rad <= _KNOWN_RAD and courtesy.unseen_s <= _KNOWN_S
         hurries = walks and knows and _hurries_better(placement, walker)
@@ -110,7 +119,7 @@ def given_way(
 
 def _stands_better(placement: Placement, walker: Seen) -> bool:
     """Whether somebody who walks on would come too near to the walker, and nearer than if they stand."""
-    if not _moves(walker) or math.hypot(walker.x_m - placement.x_m, walker.y_m - placement.y_m) > _YIELDS_WITHIN_M:
+    if not _moves(walker) or _distance_m(placement, walker) > _YIELDS_WITHIN_M:
         return False
     goes_m = _nearest_at_pace_m(placement, walker, _PACE_M_S)
     return goes_m < _IN_THE_WAY_M and goes_m <= _nearest_at_pace_m(placement, walker, 0.0)
@@ -144,12 +153,16 @@ def _nearest_m(dx_m: float, dy_m: float, vx_m_s: float, vy_m_s: float) -> float:
     return math.hypot(dx_m + when_s * vx_m_s, dy_m + when_s * vy_m_s)
 
 
-def _making_room(courtesy: Courtesy, dt_s: float) -> Courtesy:
-    """Go back along the path, and let the walker pass."""
+def _distance_m(placement: Placement, walker: Seen) -> float:
+    return math.hypot(walker.x_m - placement.x_m, walker.y_m - placement.y_m)
+
+
+def _making_room(courtesy: Courtesy, dt_s: float, *, goes_back: bool) -> Courtesy:
+    """Go back along the path, where that leads away from the walker, and let them pass."""
     since_s = courtesy.standing_s - _PATIENCE_S
     if since_s > _GOES_BACK_S + _LETS_PASS_S:
         return replace(courtesy, standing_s=0.0)
-    late_s = 2.0 * dt_s if since_s < _GOES_BACK_S else dt_s
+    late_s = 2.0 * dt_s if goes_back and since_s < _GOES_BACK_S else dt_s
     return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=courtesy.standing_s + dt_s)
 
 

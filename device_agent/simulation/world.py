@@ -211,7 +211,10 @@ class SimulatedWorld:
                 courtesy = self._courtesies[number]
                 late_s = self._start_s + courtesy.waited_s
                 walks = mover.moves_between(self._body.time_s - late_s, self._body.time_s + dt_s - late_s)
-                self._courtesies[number] = given_way(courtesy, placement, seen, self._has_room, dt_s, walks=walks)
+                back = beside_path(mover.placement_at(self._body.time_s - late_s), courtesy)
+                self._courtesies[number] = given_way(
+                    courtesy, placement, seen, self._has_room, dt_s, walks=walks, back=back
+                )
 
     def _has_room(self, x_m: float, y_m: float) -> bool:
         return push_from_solids(self._solids, x_m, y_m)[0] >= _ROOM_FOR_A_PERSON_M

@@ -139,7 +139,26 @@ def expected_to(
         on_m = stopping_distance_m(speed_m_s, settings.reaction_s)
         c, s = math.cos(pose.heading), math.sin(pose.heading)
         pose = Pose2D(pose.x_m + on_m * c, pose.y_m + on_m * s, pose.heading)
+        goal = _goal_from(route, goal, pose, on_m, look_ahead_m(speed_m_s, settings), settings)
     return expected_direction(goal, pose)
+
+
+def _goal_from(
+    route: Route, goal: SubGoal, stand: Pose2D, within_m: float, ahead_m: float, settings: FollowerSettings
+) -> SubGoal:
+    """Return the sub-goal of who will stand there, on the road behind the corner that ``goal`` has passed.
+
+    Who cuts a corner walks along the road behind it already: they will be on from the corner, and a sub-goal that is
+    measured from the corner itself would lie beside them.
+    """
+    arcs, passed = route.arc_length_m, goal.passed_index
+    leg = route.points_m[passed : int(np.searchsorted(arcs, float(arcs[passed]) + within_m, side="right")) + 1]
+    there = passed + int(np.argmin(np.hypot(leg[:, 0] - stand.x_m, leg[:, 1] - stand.y_m)))
+    index = min(int(np.searchsorted(arcs, float(arcs[there]) + ahead_m)), len(arcs) - 1)
+    corner_index = straight_until(route, there, goal, settings)
+    if index <= corner_index:
+        return _goal(route, index, goal.case, passed)
+    return _straight_on(route, _goal(route, corner_index, SubGoalCase.TURNING_POINT, passed), ahead_m)
 
 
 def reach_m(route: Route, closest_index: int, pose: Pose2D, direction: WorldAngle, half_width_m: float) -> float:

@@ -28,12 +28,14 @@ def turn_to_route(
         error: the expected direction relative to the heading.
         before: the kind of turn of the frame before, if that turned to the route as well; a U-turn stays one.
         last: by how much that frame turned; None where it did not.
-        lost: a turn in which the place was lost, None where there was none: who must turn far turns the other way.
+        lost: where the place was lost in an earlier turn, relative to the heading; None where it was not. Who must
+            turn far turns by the side on which that does not lie.
     """
     is_around = abs(error) >= AROUND_RAD or before is TurnKind.AROUND
     side, kept, least_rad = error, last, _EITHER_SIDE_RAD
     if lost is not None:
-        kept, least_rad = relative_angle(-lost) if last is None else last, _FAR_RAD
+        passes = error * lost > 0.0 and abs(lost) < abs(error)
+        kept, least_rad = relative_angle(-error if passes else error) if last is None else last, _FAR_RAD
     if kept is not None and abs(error) > least_rad and error * kept < 0.0:
         side = relative_angle(math.copysign(_FULL_RAD, kept))
     return (TurnKind.AROUND if is_around else TurnKind.ALONG), side

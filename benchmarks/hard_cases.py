@@ -30,6 +30,7 @@ from device_agent.experiments.hard_cases import HARD_CASES, HardCase, Outcome, d
 from device_agent.experiments.running import RATE_HZ, SIZE_PX
 from device_agent.simulation.building import Building, Start, renderer_of
 from device_agent.simulation.furniture import chair
+from device_agent.simulation.obstacles import velvet_box
 from device_agent.simulation.office_floor import office_floor
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.scenario import ORDINARY, Scenario
@@ -153,6 +154,7 @@ SCENES = {
     "person coming": Scene(actors=lambda: (oncomer(X_M, 13.6, -90.0, 0.85),)),
     "door closing": Scene(pieces=_frame(), actors=lambda: (_sliding_door(),)),
     "glass door": Scene(pieces=(glass_screen(X_M, Y_M, 0.0, 2.36),), limit_s=150.0),
+    "bag that absorbs": Scene(pieces=(velvet_box(X_M + 0.35, Y_M),)),
     "chair pulled out": Scene(actors=lambda: (_chair(),)),
     "legs side by side": Scene(Start(14.55, 7.4, math.pi / 2), "down", (15.45, 7.4), graph=_side_by_side, limit_s=90.0),
     "lost mid-corridor": Scene(scenario=Scenario(covered_s=(6.0, 4.0))),

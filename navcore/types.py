@@ -315,7 +315,8 @@ class ObstacleScan:
     bearing_rad: FloatArray
     """Bearings (n,) relative to the heading, ascending (right to left)."""
     nearest_m: FloatArray
-    """Horizontal distance (n,) to the nearest obstacle or drop; inf where free, NaN where unknown."""
+    """Horizontal distance (n,) to the nearest obstacle or drop, or to where the unknown begins; inf where free, NaN
+    where nothing is known at all."""
     state: NDArray[np.int8]
     """:class:`BearingState` of each bearing (n,)."""
     candidates: tuple[CandidateDirection, ...]

@@ -114,6 +114,17 @@ def depth_image(solids: tuple[Solid, ...], world_from_camera, rng: np.random.Gen
     return depth.reshape(CAMERA.height_px, CAMERA.width_px).astype(np.float32)
 
 
+def without_absorbed(depth: np.ndarray, solids: tuple[Solid, ...], world_from_camera) -> np.ndarray:
+    """Return a depth image of solids with NaN where what is seen is one that absorbs."""
+    reflecting = tuple(solid for solid in solids if solid.name != ABSORBING)
+    if len(reflecting) == len(solids):
+        return depth
+    rays = _RAYS @ world_from_camera.rotation.T
+    hidden = cast(solids, world_from_camera.translation, rays) < cast(reflecting, world_from_camera.translation, rays)
+    depth[hidden.reshape(depth.shape)] = np.nan
+    return depth
+
+
 def sonar_reading(solids: tuple[Solid, ...], body: WalkerBody, stamp_s: float) -> SonarReading:
     """Return the nearest echo within ±7.5°, level; everything reflects."""
     angles = body.heading_rad + np.radians(np.linspace(-7.5, 7.5, 7))
@@ -203,7 +214,8 @@ def walk(
 
 
 # ---------------------------------------------------------------------------------------------- the device in a loop
-GLASS = "glass"
+GLASS, ABSORBING = "glass", "absorbing"
+"""Names of solids through which the depth camera looks, and from which nothing comes back to it."""
 """Solids of this name are looked through, and heard."""
 _BLACK = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
 
@@ -222,9 +234,10 @@ class BoxWorld(SimulatedWorld):
         return (*self.building.solids, *self.building.moving_solids(self._placements(self.now_s())))
 
     def capture(self) -> Frame:
-        """Return what the depth camera sees now; glass it does not."""
-        seen = tuple(solid for solid in self._around() if solid.name != GLASS)
-        return Frame(self.now_s(), _BLACK, depth_image(seen, self._head(), self._noise))
+        """Return what the depth camera sees now: it looks through glass, and nothing comes back from what absorbs."""
+        head, seen = self._head(), tuple(solid for solid in self._around() if solid.name != GLASS)
+        depth = depth_image(seen, head, self._noise)
+        return Frame(self.now_s(), _BLACK, without_absorbed(depth, seen, head))
 
     def ping(self) -> SonarReading:
         """Return the nearest echo now; everything reflects."""

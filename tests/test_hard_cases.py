@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import pytest
-from closed_loop import GLASS, BoxWorld, NoisyTruth, box
+from closed_loop import ABSORBING, GLASS, BoxWorld, NoisyTruth, box
 
 from device_agent.experiments.design import POLICIES
 from device_agent.experiments.hard_cases import HARD_CASES, Outcome, differences, hard_case, outcome_of
@@ -24,8 +24,8 @@ from navcore.wire import SetDestination
 
 ISSUE = (
     "U-turn needed", "start facing a wall", "destination behind", "corridor blocked", "a person walking towards",
-    "door closing", "glass door", "chair pulled out", "junction where two legs run side by side",
-    "lost localization mid-corridor and recovery", "sonar unplugged",
+    "door closing", "glass door", "absorbing (depth holes)", "chair pulled out",
+    "junction where two legs run side by side", "lost localization mid-corridor and recovery", "sonar unplugged",
 )  # fmt: skip
 """What was asked for."""
 PLACES = {"a": (0.0, 0.0), "b": (9.0, 0.0), "c": (9.0, 4.2), "d": (0.0, 4.2)}
@@ -134,6 +134,7 @@ SCENES = {
     "glass door": Scene(
         (*RING_WALLS, replace(ACROSS, name=GLASS)), RING, settings=SOON, limit_s=80.0
     ),
+    "bag that absorbs": Scene((*CORRIDOR_WALLS, replace(box(4.75, 0.1, 5.25, 0.6, 0.35), name=ABSORBING))),
     "chair pulled out": Scene(
         actors=lambda: (pulled_chair(),),
     ),

@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import math
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
-from closed_loop import CAMERA, EYE_M, PITCH_RAD, box, depth_image
+from closed_loop import ABSORBING, CAMERA, EYE_M, PITCH_RAD, box, depth_image, without_absorbed
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from navcore.angles import world_angle
 from navcore.geometry import Transform, heading_of_camera, world_from_camera_at
 from navcore.obstacle.levelling import Expected, level_by_floor, level_by_pose, refine_by_floor
-from navcore.obstacle.memory import ObstacleMemory, remember
+from navcore.obstacle.memory import ObstacleMemory, remember, with_memory
 from navcore.obstacle.scan import scan
 from navcore.settings import ObstacleSettings, Settings
 from navcore.types import BearingState, ObstacleScan, Pose2D
@@ -96,6 +98,45 @@ def test_missing_depth_is_unknown_never_free():
     assert nothing.candidates == ()
     assert nothing.valid_fraction == 0.0
     assert scan(np.full_like(depth, np.nan), CAMERA, None, SETTINGS).candidates == ()
+
+
+@pytest.mark.parametrize("height_m", [0.15, 0.25, 0.5, 0.9, 1.5])
+@pytest.mark.parametrize("distance_m", [2.0, 2.4, 2.8])
+@pytest.mark.parametrize("seed", [None, 0])
+def test_what_gives_no_depth_is_unknown_from_its_foot_on(height_m: float, distance_m: float, seed: int | None):
+    """A black bag 30 cm wide: the camera shows a hole in the floor, and the floor again beyond it."""
+    camera = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    bag = replace(box(distance_m, -0.15, distance_m + 0.3, 0.15, height_m), name=ABSORBING)
+    rng = None if seed is None else np.random.default_rng(seed)
+    depth = without_absorbed(depth_image((*ROOM, bag), camera, rng), (*ROOM, bag), camera)
+    found = scan(depth, CAMERA, camera, SETTINGS)
+    ahead = np.abs(found.bearing_rad) < math.atan(0.1 / distance_m)
+    assert set(found.state[ahead].tolist()) == {BearingState.UNKNOWN}
+    assert found.nearest_m[ahead] == pytest.approx(np.full(ahead.sum(), distance_m), abs=0.16)
+    assert found.nearest_ahead_m == pytest.approx(distance_m, abs=0.16)
+    assert not set(free_deg(found, distance_m + 0.3)) & set(range(-3, 4))
+    beside = np.abs(found.bearing_rad) > math.atan(0.3 / distance_m)
+    assert set(found.state[beside].tolist()) == {BearingState.FREE}
+
+
+def test_a_hole_that_is_out_of_sight_is_remembered_until_the_floor_is_seen_there():
+    """Two steps on it lies below the image: it is in the way all the same; taken away, it is not any more."""
+    bag = replace(box(2.2, -0.15, 2.5, 0.15, 0.25), name=ABSORBING)
+    memory, walked_m = ObstacleMemory(), 0.0
+    for number in range(12):
+        walked_m = 0.1 * number
+        camera = world_from_camera_at((walked_m, 0, EYE_M), 0.0, PITCH_RAD)
+        depth = without_absorbed(depth_image((*ROOM, bag), camera), (*ROOM, bag), camera)
+        found = scan(depth, CAMERA, camera, SETTINGS)
+        pose = Pose2D(walked_m, 0.0, world_angle(0.0))
+        memory = remember(memory, found, pose, 0.1 * number)
+    assert found.nearest_ahead_m is None, "this image does not show it"
+    known = with_memory(found, memory, pose, SETTINGS)
+    assert known.nearest_ahead_m == pytest.approx(2.2 - walked_m, abs=0.2)
+    away = world_from_camera_at((0, 0, EYE_M), 0.0, PITCH_RAD)
+    bare = scan(depth_image(ROOM, away), CAMERA, away, SETTINGS)
+    back = Pose2D(0.0, 0.0, world_angle(0.0))
+    assert with_memory(bare, remember(memory, bare, back, 2.0), back, SETTINGS).nearest_ahead_m is None
 
 
 def test_readings_below_the_sensors_range_are_near_not_missing():

@@ -55,6 +55,18 @@ def test_nobody_goes_back_into_the_walker_who_stands_where_they_came_from() -> N
     assert room < 0.05
 
 
+def test_nobody_steps_aside_along_the_walkers_way() -> None:
+    """They face across the walker's way, and stand beside it: that leaves more room than to keep step."""
+    courtesy, nearest_m = Courtesy(), math.inf
+    for k in range(150):
+        placement = beside_path(Placement(0.0, 0.0, math.pi), courtesy)
+        assert placement is not None
+        seen = Seen(-0.75 + 0.15 * k * DT_S, -0.5 + 0.82 * k * DT_S, 0.15, 0.82)
+        courtesy = given_way(courtesy, placement, seen, lambda _x, _y: True, DT_S)
+        nearest_m = min(nearest_m, math.hypot(placement.x_m - seen.x_m, placement.y_m - seen.y_m))
+    assert nearest_m > 0.6
+
+
 def test_who_is_far_away_or_behind_is_not_given_way() -> None:
     for walker in ((-5.0, 0.0), (9.0, 0.0)):
         trail, courtesy = met(lambda _t, at=walker: at, seconds=3.0)

@@ -125,6 +125,12 @@ HARD_CASES = (
         Expected(stops=(Reason.OBSTACLE_SONAR,), says=("way_blocked",), routes=2),
     ),
     HardCase(
+        "bag that absorbs", "absorbing (depth holes)",
+        "A black bag stands on the road: the depth camera shows a hole in the floor, and nothing that stands there.",
+        "goes round it, arrives",
+        Expected(),
+    ),
+    HardCase(
         "chair pulled out", "chair pulled out",
         "A chair is pulled out into the way when the walker is near.",
         "goes round it, arrives",

@@ -109,9 +109,10 @@ def given_way(
         return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=0.0)
     if ahead_m <= 0.0 or distance_m > _YIELDS_WITHIN_M:
         return replace(courtesy, aside_m=_shorter(courtesy.aside_m, _BACK_M_S * dt_s), standing_s=0.0)
-    if abs(left_m) < _IN_THE_WAY_M and distance_m < _NOTICED_M:
-        sign = -1.0 if left_m > 0.0 else 1.0
-        courtesy = _stepped(courtesy, placement, (-sign * s, sign * c), is_free, _STEP_ASIDE_M_S * dt_s)
+    sign = -1.0 if left_m > 0.0 else 1.0
+    aside = -sign * s, sign * c
+    if abs(left_m) < _IN_THE_WAY_M and distance_m < _NOTICED_M and not _walks_along(placement, walker, aside):
+        courtesy = _stepped(courtesy, placement, aside, is_free, _STEP_ASIDE_M_S * dt_s)
     if distance_m < _STOPS_M and abs(left_m) < _BROAD_M:
         return replace(courtesy, waited_s=courtesy.waited_s + dt_s, standing_s=courtesy.standing_s + dt_s)
     return replace(courtesy, waited_s=courtesy.waited_s + late_s, standing_s=0.0)
@@ -133,6 +134,17 @@ def _hurries_better(placement: Placement, walker: Seen) -> bool:
         _nearest_at_pace_m(placement, walker, pace_m_s) for pace_m_s in (0.0, _PACE_M_S, (1.0 + _HURRIES) * _PACE_M_S)
     )
     return goes_m < _IN_THE_WAY_M and hurries_m > max(goes_m, stands_m)
+
+
+def _walks_along(placement: Placement, walker: Seen, aside: tuple[float, float]) -> bool:
+    """Whether somebody who steps aside stays so beside the walker, who goes that way, and nearer than if they stand."""
+    if not _moves(walker):
+        return False
+    dx_m, dy_m = walker.x_m - placement.x_m, walker.y_m - placement.y_m
+    steps_m = _nearest_m(
+        dx_m, dy_m, walker.vx_m_s - _STEP_ASIDE_M_S * aside[0], walker.vy_m_s - _STEP_ASIDE_M_S * aside[1]
+    )  # fmt: skip
+    return steps_m < min(_IN_THE_WAY_M, _nearest_m(dx_m, dy_m, walker.vx_m_s, walker.vy_m_s))
 
 
 def _moves(walker: Seen) -> bool:

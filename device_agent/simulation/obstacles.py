@@ -19,6 +19,11 @@ def low_box(x_m: float, y_m: float, yaw_deg: float = 0.0) -> Piece:
     return box((0.5, 0.4, 0.25), "fabric/#8a3f35", name="low box").moved(x_m, y_m, yaw_deg)
 
 
+def velvet_box(x_m: float, y_m: float, yaw_deg: float = 0.0) -> Piece:
+    """A bag that gives no depth at all: the depth camera shows a hole where it stands."""
+    return box((0.5, 0.4, 0.35), "velvet/#0c0c0e", name="velvet box").moved(x_m, y_m, yaw_deg)
+
+
 def hanging_box(x_m: float, y_m: float, yaw_deg: float = 0.0, low_m: float = 1.4) -> Piece:
     """A wall cupboard that hangs in the way at the height of the head: no cane finds it."""
     return box((0.7, 0.35, 0.6), "veneer/#7a5a3a:cupboard", base_m=low_m, name="hanging box").moved(x_m, y_m, yaw_deg)

@@ -12,6 +12,7 @@ from navcore.compiled import kernel
 
 SHINY = int(Material.SHINY)
 LIT = int(Material.LIT)
+ABSORBING = int(Material.ABSORBING)
 _IMAGER_FOCAL_PX = 424.0
 
 
@@ -93,6 +94,8 @@ def _missing_share(
     incidence: float, material: int, grazing: float, shiny_missing: float, lit_missing: float, random_missing: float
 ) -> float:
     """Return the share of such pixels that gives no depth."""
+    if material == ABSORBING:
+        return 1.0
     missing = random_missing
     if incidence < grazing:
         missing += (1.0 - incidence / grazing) * 0.9

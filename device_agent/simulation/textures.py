@@ -31,6 +31,8 @@ class Material(enum.IntEnum):
     """Dark or glossy: the pattern projector's light does not come back from much of it."""
     LIT = 2
     """Shines by itself: as bright as it is painted, whatever the lamps do."""
+    ABSORBING = 3
+    """Velvet, soot, black foam: none of the projector's light comes back."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,7 @@ PATTERNS: dict[str, Pattern] = {
     "fabric": Pattern(patterns.fabric, 160, 1.6),
     "metal": Pattern(patterns.metal, 160, 1.6, Material.SHINY),
     "dark": Pattern(patterns.plain, 60, 1.0, Material.SHINY),
+    "velvet": Pattern(patterns.plain, 60, 1.0, Material.ABSORBING),
     "veneer": Pattern(patterns.veneer, 140),
     "wood": Pattern(patterns.wood, 140),
     "brick": Pattern(patterns.brick, 150),

@@ -41,14 +41,24 @@ class PolarGrid:
     """Height of the highest of them above the floor; 0 where there is none."""
     drop_count: NDArray[np.int32]
     """Rays that pass through the floor in this cell: its edge."""
-    ray_count: NDArray[np.int32]
-    """Rays (n,) that should have met the floor, or something that stands on it."""
-    valid_count: NDArray[np.int32]
-    """Those of them (n,) that measured something."""
+    floor_ray_count: NDArray[np.int32]
+    """Rays (bearings, ranges up to 3.5 m) that should have met the floor there, or something that stands before it."""
+    floor_valid_count: NDArray[np.int32]
+    """Those of them that measured something."""
     steepest: FloatArray
     """How steeply down (n,) the image shows each bearing: metres down for each metre ahead; 0 where only upwards."""
     valid_fraction: float
     """Share of all pixels that carry a depth."""
+
+    @property
+    def ray_count(self) -> NDArray[np.int64]:
+        """Rays (n,) of each bearing that should have met the floor, or something that stands on it."""
+        return np.asarray(self.floor_ray_count.sum(axis=1))
+
+    @property
+    def valid_count(self) -> NDArray[np.int64]:
+        """Those of them (n,) that measured something."""
+        return np.asarray(self.floor_valid_count.sum(axis=1))
 
 
 def polar_grid(
@@ -61,18 +71,20 @@ def polar_grid(
     obstacle_count, drop_count = np.zeros(shape, np.int32), np.zeros(shape, np.int32)
     obstacle_sum_m, obstacle_top_m = np.zeros(shape, np.float64), np.zeros(shape, np.float64)
     steepest = np.zeros(bearings, np.float64)
-    ray_count, valid_count = np.zeros(bearings, np.int32), np.zeros(bearings, np.int32)
+    floor_shape = (bearings, round(_EXPECTED_FLOOR_M / RANGE_STEP_M))
+    floor_ray_count, floor_valid_count = np.zeros(floor_shape, np.int32), np.zeros(floor_shape, np.int32)
     camera = np.array([intrinsics.fx_px, intrinsics.fy_px, intrinsics.cx_px, intrinsics.cy_px])
     heights = np.array([levelling.height_m, settings.low_height_m, settings.head_height_m, settings.drop_depth_m])
     measured, total = _fill(
         np.ascontiguousarray(depth_m, dtype=np.float32), stride, camera,
         np.ascontiguousarray(levelling.level_from_camera, dtype=np.float64), heights,
-        obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, ray_count, valid_count, steepest,
+        obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, floor_ray_count, floor_valid_count, steepest,
     )  # fmt: skip
     middles = np.asarray((np.arange(bearings) + 0.5) * BEARING_STEP_RAD - MAX_BEARING_RAD, dtype=np.float64)
     fraction = measured / total if total else 0.0
     return PolarGrid(
-        middles, obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, ray_count, valid_count, steepest, fraction
+        middles, obstacle_count, obstacle_sum_m, obstacle_top_m, drop_count, floor_ray_count, floor_valid_count,
+        steepest, fraction,
     )  # fmt: skip
 
 
@@ -87,8 +99,8 @@ def _fill(  # noqa: C901 - one pass over the image; a kernel is not cut up
     obstacle_sum_m: FloatArray,
     obstacle_top_m: FloatArray,
     drop_count: NDArray[np.int32],
-    ray_count: NDArray[np.int32],
-    valid_count: NDArray[np.int32],
+    floor_ray_count: NDArray[np.int32],
+    floor_valid_count: NDArray[np.int32],
     steepest: FloatArray,
 ) -> tuple[int, int]:
     height_px, width_px = depth_m.shape
@@ -117,9 +129,10 @@ def _fill(  # noqa: C901 - one pass over the image; a kernel is not cut up
                 continue
             steepest[bearing] = max(steepest[bearing], -up / across)
             if up < 0.0 and eye_m * across < -up * _EXPECTED_FLOOR_M:
-                ray_count[bearing] += 1
+                floor_cell = min(int(eye_m * across / -up / RANGE_STEP_M), floor_ray_count.shape[1] - 1)
+                floor_ray_count[bearing, floor_cell] += 1
                 if valid:
-                    valid_count[bearing] += 1
+                    floor_valid_count[bearing, floor_cell] += 1
             if not valid:
                 continue
             range_m = z * across

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +35,11 @@ _MIN_DROP_POINTS = 8
 """A glossy floor mirrors points to below it, so more are asked for."""
 _TOP_CELLS = 3
 _MIN_VALID_SHARE = 0.3
+_HOLE_CELLS, _HOLE_BEARINGS = 2, 3
+"""So long a stretch of floor, and so wide in bearings, that gives no depth is no noise: something absorbs the light."""
+_HOLE_VALID_SHARE, _HOLE_MIN_RAYS = 0.1, 6
+_HOLE_TOP_M = 0.1
+"""Nobody knows how high it is: it is remembered as what is low, and stays until the floor is seen there."""
 _MIN_RAY_SHARE = 0.4
 """Bearings with fewer rays than this share of the usual are beside the image."""
 
@@ -110,13 +116,48 @@ def _nearest(grid: PolarGrid) -> tuple[FloatArray, FloatArray, NDArray[np.int8]]
     state = np.full(len(obstacle_m), BearingState.FREE, dtype=np.int8)
     state[np.isfinite(obstacle_m)] = BearingState.OBSTACLE
     state[drop_m < obstacle_m] = BearingState.DROP
-    nearest_m = np.minimum(obstacle_m, drop_m)
+    hole_m, is_bottomless = _holes(grid)
+    hole = hole_m < np.minimum(obstacle_m, drop_m)
+    state[hole] = BearingState.UNKNOWN
+    nearest_m = np.minimum(np.minimum(obstacle_m, drop_m), hole_m)
     unknown = grid.valid_count < _MIN_VALID_SHARE * grid.ray_count
     # Where most is missing but something near was measured, the near thing counts; the rest stays unknown.
+    unknown |= is_bottomless
     unknown &= ~np.isfinite(nearest_m)
     state[unknown] = BearingState.UNKNOWN
     nearest_m[unknown] = np.nan
-    return nearest_m, np.where(state == BearingState.OBSTACLE, _top_m(grid, first), 0.0), state
+    top_m = np.where(state == BearingState.OBSTACLE, _top_m(grid, first), np.where(hole, _HOLE_TOP_M, 0.0))
+    return nearest_m, top_m, state
+
+
+def _holes(grid: PolarGrid) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return where (n,) the floor ends in a hole, inf where it does not, and whether (n,) not even its edge is shown.
+
+    What absorbs the light of a depth camera, or throws it elsewhere, leaves a hole in the floor: from its foot to
+    where the view over its top meets the floor again. How far away it is, is known where the floor before it is shown;
+    that it is nothing, is not. A hole that the image begins with may be anything, a hand before the camera included.
+    """
+    rays, valid = (_with_neighbours(each) for each in (grid.floor_ray_count, grid.floor_valid_count))
+    missing = (rays >= _HOLE_MIN_RAYS) & (valid <= _HOLE_VALID_SHARE * rays)
+    run_count = np.lib.stride_tricks.sliding_window_view(missing, _HOLE_CELLS, axis=1).sum(axis=2)
+    first, is_hole = np.argmax(run_count == _HOLE_CELLS, axis=1), (run_count == _HOLE_CELLS).any(axis=1)
+    is_floor = (rays >= _HOLE_MIN_RAYS) & ~missing
+    has_edge = is_hole & is_floor.any(axis=1) & (np.argmax(is_floor, axis=1) < first)
+    from_m = np.where(has_edge, first * RANGE_STEP_M, np.inf)
+    # All of the bearings that a hole was found in together show it.
+    hole_m = np.asarray(_windows(from_m, np.inf).min(axis=1), dtype=np.float64)
+    return hole_m, np.asarray(_windows(is_hole & ~has_edge, 0).max(axis=1), dtype=np.bool_)
+
+
+def _with_neighbours(count: NDArray[np.int32]) -> NDArray[np.int64]:
+    return np.asarray(_windows(count, 0).sum(axis=-1))
+
+
+def _windows(values: NDArray[Any], beyond: float) -> NDArray[Any]:
+    """Return each bearing's values together with those of its neighbours, along a last axis."""
+    aside = _HOLE_BEARINGS // 2
+    padded = np.pad(values, [(aside, aside)] + [(0, 0)] * (values.ndim - 1), constant_values=beyond)
+    return np.lib.stride_tricks.sliding_window_view(padded, _HOLE_BEARINGS, axis=0)
 
 
 def _top_m(grid: PolarGrid, first: NDArray[np.intp]) -> FloatArray:

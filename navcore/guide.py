@@ -20,6 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from navcore.angles import RelativeAngle, WorldAngle, in_world, relative_angle, relative_to, wrap_rad
+from navcore.cues.directions import told_move_deg
 from navcore.follower.aim import Aim, aim, to_road
 from navcore.follower.corner_ahead import corner_ahead
 from navcore.follower.direction import (
@@ -331,6 +332,9 @@ def _choose(cycle: _Cycle, pose: Pose2D, there: Aim, trace: DecisionTrace) -> Gu
     if _should_turn_first(cycle, direction, trace):
         why = _Why(Rule.TURN_FIRST, "something is near ahead: turn before the first step")
         return cycle.turn(TurnKind.ASIDE, direction, trace, why)
+    if _stands(cycle) and not _is_free_as_told(cycle, direction, chosen.among):
+        why = _Why(Rule.TURN_FIRST, "what its words mean is not free: turn before the first step")
+        return cycle.turn(TurnKind.ASIDE, direction, trace, why)
     return _leave_stop(cycle, direction, trace, chosen.why)
 
 
@@ -344,6 +348,19 @@ def _should_turn_first(cycle: _Cycle, direction: RelativeAngle, trace: DecisionT
     # Clock face and sides name no angle that is finer.
     faced_rad = _FACED_RAD if cycle.settings.cues.direction_style == "degrees" else _FACED_ROUGHLY_RAD
     return _stands(cycle) and near and abs(direction) > faced_rad
+
+
+def _is_free_as_told(cycle: _Cycle, direction: RelativeAngle, among: tuple[CandidateDirection, ...]) -> bool:
+    """Whether that may be walked, too, which the words for a direction mean: a clock knows twelve, sides know nine.
+
+    Who walks already is steered by tones, which are exact.
+    """
+    cues = cycle.settings.cues
+    told_rad = math.radians(told_move_deg(direction, cues.straight_within_deg, cues.direction_style))
+    near_rad = math.radians(cycle.settings.obstacle.candidate_step_deg)
+    if _sounds_straight(cycle, direction) or abs(told_rad - direction) <= near_rad:
+        return True
+    return any(abs(each.angle - told_rad) <= near_rad for each in among)
 
 
 def _first_steps_m(cycle: _Cycle, direction: RelativeAngle) -> float:

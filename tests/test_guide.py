@@ -798,3 +798,20 @@ def test_nobody_is_led_farther_from_the_road_round_something_once_they_have_left
         expected_rad = math.atan2(-y_m, 3.0)
         farthest_deg = max(abs(math.degrees(expected_rad - each)) for each in among)
         assert min(most_deg, 41.0) - 4.0 < farthest_deg < most_deg
+
+
+@pytest.mark.parametrize("style", ["degrees", "clock"])
+def test_nobody_begins_to_walk_by_words_that_mean_what_is_not_free(style: str):
+    """24° to the left it is free; one o'clock is 30°, and leads to a box. Who faces the way hears *move forward*."""
+    settings = SETTINGS.changed({"cues.direction_style": style})
+    here = at(2.0, 0.0, -24.0)
+    scene = (box(4.3, 0.42, 4.9, 1.4),)
+    stood = replace(decide(here, seen(here), paused=True), stamp_s=-0.1)
+    result = decide(here, seen(here, *scene), stood, settings=settings)
+    assert result.action is (Action.WALK if style == "degrees" else Action.TURN)
+    assert result.direction is not None
+    assert math.degrees(result.direction) == pytest.approx(24.0, abs=6.0)
+    walking = decide(here, seen(here), stood, settings=settings)
+    assert walking.action is Action.WALK
+    goes_on = at(2.0, 0.0, -24.0, stamp_s=0.1)
+    assert decide(goes_on, seen(goes_on, *scene), walking, settings=settings).action is Action.WALK, "tones are exact"

@@ -58,7 +58,6 @@ def test_no_direction_style_is_too_coarse_to_arrive(name: str, style: str, polic
     result = walk(solids, route, start, seed=SEEDS_ROUGHLY.get(name, 1), limit_s=70.0, settings=settings)
     assert result.arrived, result.guidance[-1].trace.rule
     assert result.deviations_m(route).max() < 1.1
-    # Round something that leaves hardly any room, coarse words touch more often (docs/results.md).
     assert result.contacts == 0
     told = [cue.angle_deg for cue in result.cues if cue.kind is CueKind.TURN]
     # Seventy seconds would have room for 45 of them.

@@ -76,6 +76,14 @@ def test_somebody_who_goes_away_or_crosses_does_not_come(speed_m_s: float) -> No
     assert crossing.max(initial=0.0) < 0.4
 
 
+@pytest.mark.parametrize("speed_m_s", [3.0, 4.0])
+def test_a_runner_comes_as_fast_as_is_told_at_most(speed_m_s: float) -> None:
+    recent = watched(lambda t: (7.4 - speed_m_s * t, 0.0))
+    speed = closing_speed_m_s(recent)
+    ahead = np.abs(recent[-1].scan.bearing_rad) < math.radians(3.0)
+    assert np.median(speed[ahead]) == pytest.approx(2.5)
+
+
 def test_what_comes_counts_as_being_where_it_will_be() -> None:
     recent = watched(lambda t: (4.6 - 1.0 * t, 0.0))
     now = recent[-1].scan

@@ -33,6 +33,7 @@ _NEIGHBOURS = 2
 """Bearings to either side that are looked at as well: edges tremble."""
 _FEWEST_BEARINGS = 3
 _FASTEST_M_S = 2.5
+"""What seems to come faster, a runner or two different things, counts as coming so fast."""
 _SLOWEST_M_S = 0.3
 _BODY_M = 0.4
 """Neighbouring bearings that differ by more than this show different things."""
@@ -64,7 +65,7 @@ def closing_speed_m_s(recent: RecentScans) -> FloatArray:
     """Return how fast (n,) what is nearest in each bearing of the newest scan comes towards its place.
 
     Metres per second in the world, so that walking towards a wall is no approach; 0 where it stands, goes away, or
-    nobody can tell.
+    nobody can tell. At most 2.5 m/s.
     """
     if not recent:
         return np.zeros(0)
@@ -87,8 +88,8 @@ def closing_speed_m_s(recent: RecentScans) -> FloatArray:
         else:
             was_m = _behind_m(now.scan.bearing_rad[cluster], range_m, old_bearing_rad, old_range_m)
         closing_m_s = (was_m - range_m) / duration_s
-        if _SLOWEST_M_S <= closing_m_s <= _FASTEST_M_S:
-            speed_m_s[cluster] = closing_m_s
+        if _SLOWEST_M_S <= closing_m_s < math.inf:
+            speed_m_s[cluster] = min(closing_m_s, _FASTEST_M_S)
     return speed_m_s
 
 

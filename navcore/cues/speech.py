@@ -261,6 +261,8 @@ def _with_tones(memory: CueMemory, before: CueMemory, played: tuple[Cue, ...]) -
 
     Words say the direction of a movement roughly; the tone that follows them says the rest.
     """
+    if not any(cue.kind is CueKind.OBSTACLE_BEEP for cue in played):
+        memory = replace(memory, beep_s=before.beep_s)
     if any(cue.kind in (CueKind.TICK, CueKind.STEER) for cue in played):
         return memory
     told_deg = [cue.angle_deg for cue in played if cue.kind is CueKind.WALK and cue.angle_deg is not None]

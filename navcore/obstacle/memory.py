@@ -124,8 +124,8 @@ def remember_heard(
     kept = (np.abs(now_s - heard.seen_s) <= patience_s) & (range_m < _KEPT_WITHIN_M)
     if echo_m is None:
         return heard.kept(kept)
-    reached_rad = half_field_rad + CELL_M / np.maximum(range_m, CELL_M)
-    silent = (np.abs(bearing_rad - looks_rad) < reached_rad) & (range_m < echo_m - _GONE_MARGIN_M)
+    # Right beside the field nothing is heard either: there may be the edge of a pane.
+    silent = (np.abs(bearing_rad - looks_rad) < half_field_rad) & (range_m < echo_m - _GONE_MARGIN_M)
     heard = heard.kept(kept & ~(silent & (now_s - heard.seen_s > _SILENT_FOR_S)))
     about = np.abs(scan.bearing_rad - looks_rad) <= _ABOUT_RAD
     shown_m = float(np.nan_to_num(scan.nearest_m[about], nan=np.inf).min(initial=np.inf))

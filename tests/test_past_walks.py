@@ -57,9 +57,9 @@ def recordings(tmp_path: Path) -> Recordings:
 def test_a_walk_says_itself_where_it_was_walked_and_when(recordings: Recordings) -> None:
     take(recordings, STORED_WALK.read_bytes())
     (walk,) = PastWalks(recordings).all()
-    assert (walk.walk_id, walk.device, walk.site_id) == ("20261130T214315Z-glasses-b55bee2d-w1", "Glasses", "boxes")
+    assert (walk.walk_id, walk.device, walk.site_id) == ("20261201T005257Z-glasses-70d9cfae-w1", "Glasses", "boxes")
     assert walk.map_checksum == "boxes-map"
-    assert walk.began_at_s == 1796074996.701, "2026-11-30 21:43:17 UTC"
+    assert walk.began_at_s == 1796086378.273, "2026-12-01 00:52:58 UTC"
     assert walk.length_s == pytest.approx(16.4)
     assert (walk.has_pictures, walk.troubles, len(walk.parts)) == (False, (), 1)
     assert PastWalks(recordings).named(walk.walk_id) == walk

@@ -30,7 +30,7 @@ from navcore.errors import InputError, SettingError
 from navcore.settings import Settings, SettingValue, setting_specs
 from navcore.wire import ApplySettings, SetDestination
 
-WALK = "20261130T214315Z-glasses-b55bee2d-w1"
+WALK = "20261201T005257Z-glasses-70d9cfae-w1"
 WAIT_S = 120.0
 
 

@@ -32,6 +32,7 @@ from device_agent.simulation.building import Building, Start, renderer_of
 from device_agent.simulation.furniture import chair
 from device_agent.simulation.obstacles import velvet_box
 from device_agent.simulation.office_floor import office_floor
+from device_agent.simulation.openings import with_hole
 from device_agent.simulation.renderer import Renderer
 from device_agent.simulation.scenario import ORDINARY, Scenario
 from device_agent.simulation.shapes import Piece, box
@@ -57,6 +58,8 @@ class Scene:
     goal: str = "K"
     goal_m: tuple[float, float] = (15.0, 14.0)
     pieces: tuple[Piece, ...] = ()
+    hole_m: tuple[float, float, float, float] | None = None
+    """In the floor: x0, y0, x1, y1."""
     actors: Callable[[], tuple[Actor | Oncomer, ...]] = tuple
     meanwhile: Callable[[Moment], None] = lambda moment: None
     scenario: Scenario = ORDINARY
@@ -154,6 +157,7 @@ SCENES = {
     "person coming": Scene(actors=lambda: (oncomer(X_M, 13.6, -90.0, 0.85),)),
     "door closing": Scene(pieces=_frame(), actors=lambda: (_sliding_door(),)),
     "glass door": Scene(pieces=(glass_screen(X_M, Y_M, 0.0, 2.36),), limit_s=150.0),
+    "stairs down": Scene(hole_m=(X_M - 1.18, Y_M - 0.5, X_M + 1.18, Y_M + 0.5), limit_s=150.0),
     "bag that absorbs": Scene(pieces=(velvet_box(X_M + 0.35, Y_M),)),
     "chair pulled out": Scene(actors=lambda: (_chair(),)),
     "legs side by side": Scene(Start(14.55, 7.4, math.pi / 2), "down", (15.45, 7.4), graph=_side_by_side, limit_s=90.0),
@@ -166,10 +170,12 @@ SCENES = {
 @cache
 def _floor(name: str) -> tuple[Building, Renderer]:
     """Return the floor with what stands there in a case; painting it takes seconds."""
-    pieces = SCENES[name].pieces
-    if not pieces and name:
+    pieces, hole_m = SCENES[name].pieces, SCENES[name].hole_m
+    if not pieces and hole_m is None:
         return _bare()
     building = office_floor().with_pieces(*pieces)
+    if hole_m is not None:
+        building = with_hole(building, hole_m)
     return building, renderer_of(building)
 
 

@@ -125,6 +125,19 @@ def without_absorbed(depth: np.ndarray, solids: tuple[Solid, ...], world_from_ca
     return depth
 
 
+def with_pits(depth: np.ndarray, solids: tuple[Solid, ...], world_from_camera) -> np.ndarray:
+    """Return a depth image that shows, in place of the floor where pits are, their bottom."""
+    rays = _RAYS @ world_from_camera.rotation.T
+    x_m, y_m, eye_m = world_from_camera.translation
+    floor = np.where(rays[:, 2] < 0.0, -eye_m / np.minimum(rays[:, 2], -1e-9), np.inf).reshape(depth.shape)
+    shows_floor = np.abs(depth / floor - 1.0) < 0.03
+    for pit in (solid for solid in solids if solid.name == PIT):
+        inside = np.abs(x_m + floor * rays[:, 0].reshape(depth.shape) - pit.x_m) < pit.half_x_m
+        inside &= np.abs(y_m + floor * rays[:, 1].reshape(depth.shape) - pit.y_m) < pit.half_y_m
+        depth = np.where(inside & shows_floor, depth * (eye_m + _PIT_M) / eye_m, depth)
+    return depth.astype(np.float32)
+
+
 def sonar_reading(solids: tuple[Solid, ...], body: WalkerBody, stamp_s: float) -> SonarReading:
     """Return the nearest echo within ±7.5°, level; everything reflects."""
     angles = body.heading_rad + np.radians(np.linspace(-7.5, 7.5, 7))
@@ -214,8 +227,10 @@ def walk(
 
 
 # ---------------------------------------------------------------------------------------------- the device in a loop
-GLASS, ABSORBING = "glass", "absorbing"
-"""Names of solids through which the depth camera looks, and from which nothing comes back to it."""
+GLASS, ABSORBING, PIT = "glass", "absorbing", "pit"
+"""Names of solids through which the depth camera looks, from which nothing comes back to it, and that are holes in the
+floor: nobody hears them, and whoever steps on them touches them."""
+_PIT_M = 0.8
 """Solids of this name are looked through, and heard."""
 _BLACK = np.zeros((CAMERA.height_px, CAMERA.width_px, 3), np.uint8)
 
@@ -235,13 +250,14 @@ class BoxWorld(SimulatedWorld):
 
     def capture(self) -> Frame:
         """Return what the depth camera sees now: it looks through glass, and nothing comes back from what absorbs."""
-        head, seen = self._head(), tuple(solid for solid in self._around() if solid.name != GLASS)
-        depth = depth_image(seen, head, self._noise)
+        head, seen = self._head(), tuple(solid for solid in self._around() if solid.name not in (GLASS, PIT))
+        depth = with_pits(depth_image(seen, head, self._noise), self._around(), head)
         return Frame(self.now_s(), _BLACK, without_absorbed(depth, seen, head))
 
     def ping(self) -> SonarReading:
         """Return the nearest echo now; everything reflects."""
-        return sonar_reading(self._around(), self.truth(), self.now_s())
+        heard = tuple(solid for solid in self._around() if solid.name != PIT)
+        return sonar_reading(heard, self.truth(), self.now_s())
 
 
 class NoisyTruth:

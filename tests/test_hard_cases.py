@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import pytest
-from closed_loop import ABSORBING, GLASS, BoxWorld, NoisyTruth, box
+from closed_loop import ABSORBING, GLASS, PIT, BoxWorld, NoisyTruth, box
 
 from device_agent.experiments.design import POLICIES
 from device_agent.experiments.hard_cases import HARD_CASES, Outcome, differences, hard_case, outcome_of
@@ -24,7 +24,8 @@ from navcore.wire import SetDestination
 
 ISSUE = (
     "U-turn needed", "start facing a wall", "destination behind", "corridor blocked", "a person walking towards",
-    "door closing", "glass door", "absorbing (depth holes)", "chair pulled out",
+    "door closing", "glass door", "drop-offs and stairs down", "absorbing (depth holes)",
+    "chair pulled out",
     "junction where two legs run side by side", "lost localization mid-corridor and recovery", "sonar unplugged",
 )  # fmt: skip
 """What was asked for."""
@@ -134,6 +135,7 @@ SCENES = {
     "glass door": Scene(
         (*RING_WALLS, replace(ACROSS, name=GLASS)), RING, settings=SOON, limit_s=80.0
     ),
+    "stairs down": Scene((*RING_WALLS, replace(box(4.6, -1.2, 5.8, 1.2), name=PIT)), RING, settings=SOON, limit_s=80.0),
     "bag that absorbs": Scene((*CORRIDOR_WALLS, replace(box(4.75, 0.1, 5.25, 0.6, 0.35), name=ABSORBING))),
     "chair pulled out": Scene(
         actors=lambda: (pulled_chair(),),
@@ -175,7 +177,7 @@ def test_no_case_of_the_issue_is_forgotten():
     assert list(SCENES) == [case.name for case in HARD_CASES], "each case is walked, in the table's order"
 
 
-LONG = ("blocked, another way", "glass door")
+LONG = ("blocked, another way", "glass door", "stairs down")
 """A minute of walking each: one walker is enough."""
 WALKS = [(name, policy, 1) for name in SCENES for policy in POLICIES] + [
     # By the policy that people are led by where nobody chooses another.

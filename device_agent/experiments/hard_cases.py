@@ -125,6 +125,12 @@ HARD_CASES = (
         Expected(stops=(Reason.OBSTACLE_SONAR,), says=("way_blocked",), routes=2),
     ),
     HardCase(
+        "stairs down", "drop-offs and stairs down",
+        "The floor of the corridor ends at the head of a stair without a rail. Another way leads round.",
+        "stops before the edge, is told of the other way, arrives by it",
+        Expected(stops=(Reason.DROP_AHEAD,), says=("way_blocked",), routes=2),
+    ),
+    HardCase(
         "bag that absorbs", "absorbing (depth holes)",
         "A black bag stands on the road: the depth camera shows a hole in the floor, and nothing that stands there.",
         "goes round it, arrives",

@@ -86,7 +86,7 @@ class Room:
 
     def state(self, name: str = "glasses", **changes: Any) -> None:
         values: dict[str, Any] = {
-            "stamp_s": self.now_s, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING,
+            "stamp_s": self.now_s, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING, "sonar_state": "no_echo",
             "destination_id": "b", "speed_m_s": 0.8, "deviation_m": 0.1,
         }  # fmt: skip
         self.send(WalkerState(**(values | changes)), name)
@@ -574,7 +574,17 @@ def test_a_device_whose_token_is_void_is_missed_no_more(
     server: ConsoleServer, admin: Person, device: DialledDevice
 ) -> None:
     services = server.services
-    device.send(WalkerState(services.hub.now_s(), "localized", "walk", "ok", mode=Mode.GUIDING, destination_id="b"))
+    device.send(
+        WalkerState(
+            services.hub.now_s(),
+            "localized",
+            "walk",
+            "ok",
+            mode=Mode.GUIDING,
+            destination_id="b",
+            sonar_state="no_echo",
+        )
+    )
     until(services.hub, lambda known: known.state is not None)
     services.alerts.check()
     services.alerts.write()

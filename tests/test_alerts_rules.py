@@ -56,6 +56,8 @@ BAD: tuple[tuple[AlertKind, Observation, str], ...] = (
     ("too_hot", seen(temperature_c=84.0, mode=Mode.READY), "Ada is at 84 °C."),
     ("sensors_disagree", seen(sonar_state="ok", sonar_m=1.4), "4.6 m nearer than the depth camera sees: glass?"),
     ("sensors_disagree", seen(sonar_state="ok", sonar_m=1.4, nearest_ahead_m=1.4, reason="obstacle_sonar"), "1.0 m"),
+    ("sonar_silent", seen(sonar_state="stale"), "Ada leads by the depth camera alone: nothing comes from the sonar"),
+    ("sonar_silent", seen(sonar_state="absent"), "glass is seen by nothing else."),
 )  # fmt: skip
 
 
@@ -89,6 +91,13 @@ def test_whoever_is_guided_and_told_to_stand_is_not_overlooked_whatever_the_reas
     verdict = judge(RULES["no_way"], seen(action="stop", reason=reason), was_holding=False).verdict
     assert verdict is (Verdict.NORMAL if reason in told_otherwise else Verdict.HOLDS)
     assert judge(RULES["no_way"], seen(action="walk", reason=reason), was_holding=True).verdict is Verdict.NORMAL
+
+
+@pytest.mark.parametrize("mode", [mode for mode in Mode if mode is not Mode.GUIDING])
+def test_a_silent_sonar_matters_to_nobody_who_is_not_led(mode: Mode) -> None:
+    assert (
+        judge(RULES["sonar_silent"], seen(sonar_state="absent", mode=mode), was_holding=True).verdict is Verdict.NORMAL
+    )
 
 
 @pytest.mark.parametrize("reason", ["depth_invalid", "sensor_stale"])

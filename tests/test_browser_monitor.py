@@ -342,7 +342,7 @@ def test_the_overview_shows_who_needs_somebody_and_leads_to_them(
         device.link.send(
             WalkerState(
                 device.now_s(), "localized", "stop", "no_way", pose=(3.0, 0.0, 1.6, 0.0), remaining_m=3.0,
-                mode=Mode.GUIDING, destination_id="b",
+                mode=Mode.GUIDING, destination_id="b", sonar_state="no_echo",
             )
         )  # fmt: skip
 

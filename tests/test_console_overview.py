@@ -104,7 +104,7 @@ def glasses(server: ConsoleServer) -> Iterator[list[DialledDevice]]:
 def state(**changes: Any) -> WalkerState:
     values: dict[str, Any] = {
         "stamp_s": 1000.0, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING,
-        "pose": (3.0, 0.0, 1.6, 0.0), "destination_id": "b", "remaining_m": 3.0,
+        "pose": (3.0, 0.0, 1.6, 0.0), "destination_id": "b", "remaining_m": 3.0, "sonar_state": "no_echo",
     }  # fmt: skip
     return WalkerState(**(values | changes))
 

@@ -137,7 +137,8 @@ def _read(socket: ClientConnection) -> list[dict[str, Any]]:
 
 def _state(stamp_s: float, mode: Mode, x_m: float) -> WalkerState:
     action, reason = ("walk", "ok") if mode is Mode.GUIDING else ("stop", "no_route")
-    return WalkerState(stamp_s, "localized", action, reason, pose=(x_m, 0.0, 1.6, 0.0), mode=mode)  # type: ignore[arg-type]
+    where = (x_m, 0.0, 1.6, 0.0)
+    return WalkerState(stamp_s, "localized", action, reason, pose=where, mode=mode, sonar_state="no_echo")  # type: ignore[arg-type]
 
 
 def settled(holds: Callable[[], bool]) -> None:

@@ -49,7 +49,9 @@ class WalkingDevice:
         """Tell where the walker is."""
         mode = mode or (Mode.READY if destination_id is None else Mode.GUIDING)
         action, reason = ("walk", "ok") if mode is Mode.GUIDING else ("stop", _REASONS.get(mode, "no_route"))
-        state = WalkerState(self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id)
+        state = WalkerState(
+            self.now_s(), "localized", action, reason, mode=mode, destination_id=destination_id, sonar_state="no_echo"
+        )  # fmt: skip
         self.link.send(state)
 
     def tell(self, kind: Literal["cue", "watchdog"], text: str) -> None:

@@ -24,7 +24,7 @@ from navcore.wire import WalkerState
 
 AlertKind = Literal[
     "fall_suspected", "link_lost", "device_fault", "battery_empty", "position_lost", "no_way", "off_road", "stalled",
-    "battery_low", "too_hot", "sensors_disagree", "broke_off",
+    "battery_low", "too_hot", "sensors_disagree", "sonar_silent", "broke_off",
 ]  # fmt: skip
 
 
@@ -224,6 +224,10 @@ def _is_held_up(seen: Observation) -> bool:
     return _reason(state) not in _STOPS_OF_THEIR_OWN
 
 
+def _is_led_without_sonar(seen: Observation) -> bool:
+    return _is_guiding(seen) and seen.state is not None and seen.state.sonar_state in ("stale", "absent")
+
+
 def _is_to_walk(seen: Observation) -> bool:
     return _is_guiding(seen) and seen.state is not None and seen.state.action == "walk"
 
@@ -324,6 +328,13 @@ _TABLE = (
         "{name}: the sonar hears something {value} nearer than the depth camera sees: glass?",
         "The device stops for it. Tell the walker what is there, and mark it on the map with a caution.",
         (Quantity("sonar nearer than depth by", "m", _GAP_M, 0.5, _sonar_gap_m),),
+    ),
+    Rule(
+        "sonar_silent", "Sonar silent", Priority.LOW, _is_led_without_sonar,
+        "guiding, and nothing comes from the ultrasonic rangefinder", 10.0, 5.0,
+        "{name} leads by the depth camera alone: nothing comes from the sonar, and glass is seen by nothing else.",
+        "The walker has been told. Lead them where there is no glass, and have the sonar's plug looked at.",
+        escalate_after_s=600.0,
     ),
 )  # fmt: skip
 RULES: Mapping[AlertKind, Rule] = MappingProxyType({rule.kind: rule for rule in _TABLE})

@@ -86,8 +86,8 @@ class Room:
 
     def state(self, name: str = "glasses", **changes: Any) -> None:
         values: dict[str, Any] = {
-            "stamp_s": self.now_s, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING, "sonar_state": "no_echo",
-            "destination_id": "b", "speed_m_s": 0.8, "deviation_m": 0.1,
+            "stamp_s": self.now_s, "quality": "localized", "action": "walk", "reason": "ok", "mode": Mode.GUIDING,
+            "sonar_state": "no_echo", "destination_id": "b", "speed_m_s": 0.8, "deviation_m": 0.1,
         }  # fmt: skip
         self.send(WalkerState(**(values | changes)), name)
 

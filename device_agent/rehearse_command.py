@@ -53,7 +53,7 @@ def _rehearse(arguments: argparse.Namespace) -> None:
     else:
         _print_list(rehearsal)
     if rehearsal.refusal:
-        raise PlanningError(rehearsal.refusal)
+        raise PlanningError(rehearsal.refusal, "apart", name=goal.name)
 
 
 def _write_sound(rehearsal: Rehearsal, path: Path, settings: Settings) -> None:

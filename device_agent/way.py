@@ -60,16 +60,18 @@ def _to_wanted(state: DeviceState, pose: Pose2D, wanted_id: str, now_s: float) -
     try:
         route = _route_anyhow(state, pose, wanted_id, now_s)
     except PlanningError as error:
-        return _refused(state, wanted_id, str(error), now_s)
+        return _refused(state, wanted_id, error, now_s)
     changed = state.destination_id != wanted_id
     state = replace(_with_route(state, route), destination_id=wanted_id, wanted_id=None)
     effects: tuple[Effect, ...] = (mode_event(state),) if changed else ()
     return state, (*effects, route_message(state, now_s))
 
 
-def _refused(state: DeviceState, wanted_id: str, refusal: str, now_s: float) -> Step:
-    refusal = refusal[:500]
-    effects: tuple[Effect, ...] = (Notice(refusal), Happened("route_refused", refusal))
+def _refused(state: DeviceState, wanted_id: str, error: PlanningError, now_s: float) -> Step:
+    """The walker hears why in their language; what is to be done about the map is for the console."""
+    refusal = str(error)[:500]
+    told = TEXTS[state.settings.cues.language][f"no_way_{error.why}"].format(**error.fields)
+    effects: tuple[Effect, ...] = (Notice(told), Happened("route_refused", refusal))
     if state.route is not None and state.destination_id != wanted_id:
         before = state.overridden
         state = replace(state, wanted_id=None, aim_by=before.by if before is not None else "", overridden=None)
@@ -139,7 +141,8 @@ def _round(state: DeviceState, pose: Pose2D, destination_id: str, now_s: float) 
         state = replace(state, blocked=(*state.blocked, BlockedPlace(now_s, place)))
     try:
         if place is None:
-            raise PlanningError("Where on the road the way is blocked is not known: wait, or choose the place again.")
+            text = "Where on the road the way is blocked is not known: wait, or choose the place again."
+            raise PlanningError(text, "lost")
         route = _route(state, pose, destination_id, now_s)
     except PlanningError as error:
         blocked = Happened("route_refused", f"The way is blocked, and there is no other. {error}"[:500])

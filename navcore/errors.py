@@ -74,7 +74,15 @@ class VersionError(WireError):
 
 
 class PlanningError(VbrError):
-    """No route exists; the text names why."""
+    """No route exists; the text names why.
+
+    The text is for whoever looks after the map. Whoever walks hears ``why``, a key of the sentences that begin with
+    ``no_way_``, with ``fields`` filled in.
+    """
+
+    def __init__(self, text: str, why: str, **fields: str) -> None:
+        super().__init__(text)
+        self.why, self.fields = why, fields
 
 
 class MappingError(VbrError):

@@ -12,6 +12,8 @@ from device_agent.orders import at_rest, carry_out
 from device_agent.state import DeviceState, Happened, Notice, Step
 from device_agent.way import plan_if_needed
 from navcore.angles import world_angle
+from navcore.cues.table import NO_WAY
+from navcore.cues.texts import TEXTS
 from navcore.modes import Mode
 from navcore.planning import edits
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
@@ -174,9 +176,38 @@ def test_where_the_closed_edge_was_the_only_way_it_says_so_and_stops():
     state, _ = published(leading(ring("ab", "bc"), goal="c"), edits.set_edge(ring("ab", "bc"), "bc", closed=True))
     step = plan_if_needed(state, at(2.0), 5.1)
     assert step[0].mode is Mode.READY
-    assert heard(step) == ["C cannot be reached: the way between B and C is closed."]
+    assert heard(step) == ["C cannot be reached. The way between B and C is closed."]
     on_it, _ = published(leading(ring("ab", "bc"), goal="c"), edits.set_edge(ring("ab", "bc"), "ab", closed=True))
     assert plan_if_needed(on_it, at(2.0), 5.1)[0].mode is Mode.READY, "nor is the walker led through it"
+
+
+REFUSED = (
+    ("closed", edits.set_edge(ring("ab", "bc"), "bc", closed=True), "c", 2.0),
+    ("one way", edits.set_edge(ring("ab", "cb"), "cb", one_way=True), "c", 2.0),
+    ("apart", ring("ab", "cd"), "c", 2.0),
+    ("unknown", ring("ab"), "z", 2.0),
+    ("unjoined", ring("ab"), "c", 2.0),
+    ("far", ring("ab"), "b", -30.0),
+    ("no ways", PoiGraph(1, ring().pois, {}), "b", 2.0),
+)
+
+
+@pytest.mark.parametrize(("graph", "goal", "x_m"), [each[1:] for each in REFUSED], ids=[each[0] for each in REFUSED])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_a_refusal_is_heard_in_the_walkers_language_and_tells_the_console_what_to_do(
+    graph: PoiGraph, goal: str, x_m: float, language: str
+):
+    settings = SETTINGS.changed({"cues.language": language})
+    state, _ = carry_out(DeviceState(settings, graph), SetDestination(goal), 0.0)
+    step = plan_if_needed(state, at(x_m), 0.0)
+    (told,) = heard(step)
+    (refusal,) = [effect.text for effect in step[1] if isinstance(effect, Happened) and effect.kind == "route_refused"]
+    assert told in {
+        TEXTS[language][f"no_way_{why}"].format(name=goal.upper(), a="B", b="C", metres="30") for why in NO_WAY
+    }
+    assert any("\u4e00" <= character <= "\u9fff" for character in told) == (language == "zh")
+    assert told != refusal
+    assert refusal.isascii()
 
 
 def test_an_edge_elsewhere_that_is_closed_changes_nothing_for_the_walker():

@@ -96,6 +96,10 @@ class CueEntry:
     """The least verbosity at which it is said. Whatever safety hangs on is ``brief``: it is said at every level."""
 
 
+NO_WAY = (
+    "unknown", "aside", "unjoined", "lost", "no_ways", "far", "blocked", "closed_between", "closed", "one_way", "apart",
+)  # fmt: skip
+"""Why there is no way, as :class:`navcore.errors.PlanningError` tells it."""
 _SIDES = ("left", "right")
 _SPOKEN = "speech, in the middle"
 
@@ -179,7 +183,7 @@ CUE_TABLE: dict[CueKind, CueEntry] = {
         "triangle with a mark while off the road (!) or unsure of the position (?)",
         "off the road: every 10 s; position uncertain: every 20 s",
         ("off_road", "sonar_lost", "sonar_back", "pose_uncertain", "way_closed", "way_blocked", "way_blocked_wait",
-         "way_anew", "camera_moved", "camera_agrees", "look_ahead",
+         "way_anew", *(f"no_way_{why}" for why in NO_WAY), "camera_moved", "camera_agrees", "look_ahead",
          "looks_left", "looks_right", "looks_ahead", "storage_trouble",
          "battery_low", "battery_empty", "device_hot",
          "settings_changing", "settings_back", "destination_instead"),

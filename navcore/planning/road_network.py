@@ -125,7 +125,7 @@ class RoadNetwork:
     def nearest(self, x_m: float, y_m: float) -> RoadPoint:
         """Return the place on the road that is nearest. Raises PlanningError where there is no road."""
         if self.is_empty:
-            raise PlanningError("There is no virtual blind road here: build the map from a walk first.")
+            raise PlanningError("There is no virtual blind road here: build the map from a walk first.", "no_ways")
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
             raise InputError("A position must be two finite numbers in metres.")
         query = np.array([x_m, y_m])
@@ -187,7 +187,8 @@ class RoadNetwork:
             if length_m <= limit_m:
                 break
         if not math.isfinite(length_m):
-            raise PlanningError("The virtual blind road does not join these two places: record the walk between them.")
+            text = "The virtual blind road does not join these two places: record the walk between them."
+            raise PlanningError(text, "no_ways")
         inner = _walk_back(previous[row], last)
         return piece_of_path(np.vstack([[a.xy_m], self.vertices_m[inner], [b.xy_m]]))
 

@@ -90,7 +90,7 @@ class WayFinder:
             way = self._ways.cheapest([Source(leg.poi_id, leg.cost_m) for leg in legs], goal.id, usable)
             if way is not None:
                 return self._route(way, legs[way.source])
-        raise PlanningError(self._why_unreachable(near, goal, blockages))
+        raise self._why_unreachable(near, goal, blockages)
 
     def costs_m(self, x_m: float, y_m: float, *, heading: WorldAngle | None = None) -> dict[str, float]:
         """Return what the way from a position to each PoI costs: its length, where nothing makes it dearer.
@@ -105,26 +105,31 @@ class WayFinder:
     def _destination(self, poi_id: str) -> Poi:
         goal = self.graph.pois.get(poi_id)
         if goal is None:
-            raise PlanningError(f"There is no place {poi_id!r} in this map: choose another destination.")
+            raise PlanningError(f"There is no place {poi_id!r} in this map: choose another destination.", "unknown")
         if not goal.on_road:
-            raise PlanningError(f"{goal.name} does not stand on the virtual blind road: choose a place that does.")
+            text = f"{goal.name} does not stand on the virtual blind road: choose a place that does."
+            raise PlanningError(text, "aside", name=_aloud(goal))
         if not self._ways.is_joined(poi_id):
-            raise PlanningError(f"No way leads to {goal.name} in this map yet: choose another destination.")
+            text = f"No way leads to {goal.name} in this map yet: choose another destination."
+            raise PlanningError(text, "unjoined", name=_aloud(goal))
         return goal
 
     def _near(self, x_m: float, y_m: float, beside_too: bool) -> tuple[EdgePoint, ...]:
         """Return the edges that the walker may be on, nearest first."""
         if not (math.isfinite(x_m) and math.isfinite(y_m)):
-            raise PlanningError("The present position is not known: wait until the place in the map is found.")
+            text = "The present position is not known: wait until the place in the map is found."
+            raise PlanningError(text, "lost")
         near = self._index.nearest(x_m, y_m, _BESIDE_M if beside_too else _TIE_M)
         if not near:
-            raise PlanningError("This map has no ways yet: whoever looks after it must connect its places first.")
+            text = "This map has no ways yet: whoever looks after it must connect its places first."
+            raise PlanningError(text, "no_ways")
         limit_m = self.settings.max_start_distance_m
         if near[0].point.distance_m > limit_m:
             raise PlanningError(
                 f"The virtual blind road is {near[0].point.distance_m:.1f} m away, more than {limit_m:g} m: go"
-                " nearer to it first."
-            )
+                " nearer to it first.",
+                "far", metres=f"{near[0].point.distance_m:.0f}",
+            )  # fmt: skip
         return near
 
     def _likely(
@@ -199,28 +204,36 @@ class WayFinder:
         )
 
     # ----------------------------------------------------------------------------------------------- unreachable
-    def _why_unreachable(self, starts: Sequence[EdgePoint], goal: Poi, blockages: Sequence[Blockage]) -> str:
+    def _why_unreachable(self, starts: Sequence[EdgePoint], goal: Poi, blockages: Sequence[Blockage]) -> PlanningError:
         """Plan again without what blocks, then without the closures, then without the directions too: what was it?"""
         legs = [leg for start in starts for leg in self._legs(start, ())]
         sources = [Source(leg.poi_id, leg.cost_m) for leg in legs]
         if blockages and self._ways.cheapest(sources, goal.id, self._ways.usable()) is not None:
-            return f"{goal.name} cannot be reached: the way there is blocked, and there is no other."
+            text = f"{goal.name} cannot be reached: the way there is blocked, and there is no other."
+            return PlanningError(text, "blocked", name=_aloud(goal))
         way = self._ways.cheapest(sources, goal.id, self._ways.usable(closed_too=True))
         if way is not None:
-            return self._closed_sentence(goal, way)
+            return self._closed(goal, way)
         anyhow = [Source(leg.poi_id, leg.cost_m) for start in starts for leg in self._legs(start, (), True)]
         both = self._ways.usable(closed_too=True, against_too=True)
         if self._ways.cheapest(anyhow, goal.id, both) is not None:
-            return f"Only one-way edges lead between here and {goal.name}, and they lead away from it."
-        return f"No road joins this place with {goal.name}: add the missing edge to the PoI-graph."
+            text = f"Only one-way edges lead between here and {goal.name}, and they lead away from it."
+            return PlanningError(text, "one_way", name=_aloud(goal))
+        text = f"No road joins this place with {goal.name}: add the missing edge to the PoI-graph."
+        return PlanningError(text, "apart", name=_aloud(goal))
 
-    def _closed_sentence(self, goal: Poi, way: Way) -> str:
+    def _closed(self, goal: Poi, way: Way) -> PlanningError:
         for edge_id in way.edge_ids:
             edge, pois = self.graph.edges[edge_id], self.graph.pois
             if edge.closed:
-                between = f"{pois[edge.a].name} and {pois[edge.b].name}"
-                return f"{goal.name} cannot be reached: the way between {between} is closed."
-        return f"{goal.name} cannot be reached: the way is closed."
+                a, b = pois[edge.a], pois[edge.b]
+                text = f"{goal.name} cannot be reached: the way between {a.name} and {b.name} is closed."
+                return PlanningError(text, "closed_between", name=_aloud(goal), a=_aloud(a), b=_aloud(b))
+        return PlanningError(f"{goal.name} cannot be reached: the way is closed.", "closed", name=_aloud(goal))
+
+
+def _aloud(poi: Poi) -> str:
+    return poi.spoken_name or poi.name
 
 
 def find_route(graph: PoiGraph, x_m: float, y_m: float, poi_id: str, settings: PlanningSettings | None = None) -> Route:

@@ -13,17 +13,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from device_agent.experiments import running
 from device_agent.experiments.course import COURSES, with_course, with_people_starting
-from device_agent.experiments.design import FIRST_REPORTING_SEED, PATHS, Trial, trials
+from device_agent.experiments.design import FIRST_REPORTING_SEED, PATHS, trials
 from device_agent.experiments.least import forced_means_m, least_line_m, stations_of
 from device_agent.experiments.pictures import draw_all
-from device_agent.experiments.running import Figures, digest, kept, run_all
+from device_agent.experiments.running import Figures, digest, kept
 from device_agent.experiments.tables import PAPER, as_csv, as_markdown, rows
 from device_agent.simulation.building import Building, push_from_solids, touchable
 from navcore.geometry import FloatArray
 from navcore.planning.road_joining import evenly_spaced
 from navcore.settings import Settings
+from navcore.site import Site, save_site
 
 FIGURES = Figures(
     key="k", experiment=1, policy="paper", path="A→B", sight="totally blind", seed=2000, arrived=True,
@@ -139,19 +139,11 @@ def test_people_begin_when_the_seed_says(office: Building) -> None:
     assert first != other
 
 
-@pytest.mark.slow
-def test_walks_are_made_in_processes_of_their_own_and_kept(office_site: Path, tmp_path: Path) -> None:
-    trial = Trial(1, "road_centred", PATHS[0], "totally blind", 5)
-    reported: list[Figures] = []
-    run_all([trial], office_site, tmp_path / "walks", Settings(), 1, reported.append)
-    (figures,) = reported
-    assert figures.arrived
-    assert figures.contacts == 0
-    stamp = digest(office_site, Settings())
-    assert kept(tmp_path / "walks", trial, stamp) == figures
-    assert digest(office_site, Settings().changed({"follower.lead_s": 1.1})) != stamp
-    again = running.run_trial(trial, office_site, Settings())
-    assert replace(again, cycle_median_ms=0.0) == replace(figures, cycle_median_ms=0.0)
+def test_other_settings_are_another_batch(tmp_path: Path, small_site: Site) -> None:
+    save_site(small_site, tmp_path / "site")
+    stamp = digest(tmp_path / "site", Settings())
+    assert digest(tmp_path / "site", Settings()) == stamp
+    assert digest(tmp_path / "site", Settings().changed({"follower.lead_s": 1.1})) != stamp
 
 
 def _road(office: Building) -> FloatArray:

@@ -6,20 +6,35 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 import pytest
 from closed_loop import ABSORBING, GLASS, PIT, BoxWorld, NoisyTruth, box
 
+from device_agent.cycle import Cycle
 from device_agent.experiments.design import POLICIES
-from device_agent.experiments.hard_cases import HARD_CASES, Outcome, differences, hard_case, outcome_of
+from device_agent.experiments.hard_cases import (
+    ANOTHER_WAY,
+    ARRIVES,
+    HARD_CASES,
+    LED_ON,
+    WAITS,
+    Outcome,
+    differences,
+    hard_case,
+    outcome_of,
+)
 from device_agent.simulation.building import Start
 from device_agent.simulation.shapes import Piece, Solid
 from device_agent.simulation.staging import Actor, Mark, Oncomer, oncomer, person, thing
 from device_agent.simulation.walker import drawn_walker
 from device_agent.state import DeviceState
 from device_agent.walk import Moment, lead
+from device_agent.walk_measures import Sample
+from navcore.cues.table import Cue, CueKind, CuePriority
+from navcore.modes import Mode
 from navcore.planning.poi_graph import Edge, Poi, PoiGraph
 from navcore.settings import Settings
-from navcore.types import Reason, TurnKind
+from navcore.types import Action, DecisionTrace, Guidance, Reason, TurnKind
 from navcore.wire import SetDestination
 
 ISSUE = (
@@ -204,3 +219,82 @@ def test_what_differs_is_named(spoilt: dict[str, object]):
     )
     assert differences(hard_case("u-turn").expected, good) == ()
     assert differences(hard_case("u-turn").expected, replace(good, **spoilt))
+
+
+GOOD = Outcome(
+    True, 0, frozenset({Reason.ARRIVED, Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR}), frozenset({TurnKind.AROUND}),
+    ("The way is blocked. Another way: 20 metres.",), 2, Reason.ARRIVED, 9.0, 0, 0.2, True,
+    (LED_ON, WAITS, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["blocked, another way", "glass door"])
+@pytest.mark.parametrize(
+    "story",
+    [
+        (LED_ON, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES),
+        (LED_ON, ANOTHER_WAY, WAITS, "way_blocked", LED_ON, ARRIVES),
+        (LED_ON, "way_blocked", WAITS, ANOTHER_WAY, LED_ON, ARRIVES),
+        (LED_ON, WAITS, "way_blocked", ANOTHER_WAY, LED_ON, ARRIVES),
+        (WAITS, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES),
+        (LED_ON, WAITS, ANOTHER_WAY, "way_blocked", ARRIVES),
+        (),
+    ],
+)
+def test_the_other_way_is_taken_after_the_wait_and_told_of_then(name: str, story: tuple[str, ...]):
+    expected = hard_case(name).expected
+    assert differences(expected, GOOD) == ()
+    between = replace(GOOD, story=(WAITS, LED_ON, WAITS, LED_ON, WAITS, ANOTHER_WAY, WAITS, *GOOD.story[3:]))
+    assert differences(expected, between) == (), "other things may happen between"
+    assert differences(expected, replace(GOOD, story=story)) == (f"not in order: {', '.join(expected.in_order)}",)
+
+
+@pytest.mark.parametrize("times", [0, 1, 2])
+def test_a_rangefinder_that_is_lost_is_told_of_once(times: int):
+    story = (LED_ON, *(("sonar_lost", LED_ON) * times), ARRIVES)
+    texts = ("Ultrasonic sensor failed. Depth camera only.",) * times
+    outcome = replace(GOOD, routes=1, texts=texts, story=story)
+    found = differences(hard_case("sonar unplugged").expected, outcome)
+    assert (f"said sonar_lost {times} times" in found) is (times != 1)
+    assert (found == ()) is (times == 1)
+
+
+@pytest.mark.parametrize("name", ["person coming", "chair pulled out"])
+def test_who_walks_past_something_as_if_it_were_not_there_has_not_heeded_it(name: str):
+    outcome = replace(GOOD, routes=1, texts=(), story=(LED_ON, ARRIVES))
+    assert differences(hard_case(name).expected, outcome) == ()
+    assert differences(hard_case(name).expected, replace(outcome, heeded=False))
+
+
+def cycle(action: Action, reason: Reason, version: int, *texts: str, **trace: object) -> Cycle:
+    cues = tuple(Cue(0.0, CueKind.MESSAGE, CuePriority.POI, text) for text in texts)
+    return Cycle(0.0, Guidance(0.0, action, None, reason, DecisionTrace(**trace), version), cues=cues)  # type: ignore[arg-type]
+
+
+def test_a_walk_is_told_by_what_happened_in_it_one_after_the_other():
+    walks = [(Action.WALK, Reason.OK, 1), (Action.WALK, Reason.OFF_ROAD, 1)]
+    waits = [(Action.STOP, Reason.OBSTACLE_SONAR, 1), (Action.STOP, Reason.NO_CANDIDATE, 1)]
+    cycles = [cycle(*each, closest_index=3) for each in (*walks, (Action.TURN, Reason.OK, 1), *waits)]
+    cycles += [cycle(Action.STOP, Reason.POSE_LOST, 2)]
+    cycles += [cycle(Action.TURN, Reason.OK, 2, "The way is blocked. Another way: 7 metres.", closest_index=0)]
+    cycles += [cycle(Action.TURN, Reason.OK, 2, closest_index=0), cycle(Action.WALK, Reason.OK, 2, closest_index=1)]
+    cycles += [cycle(Action.STOP, Reason.ARRIVED, 2, "You have arrived: B.", closest_index=9)] * 2
+    samples = [Sample(each, np.zeros(2), Mode.GUIDING, None) for each in cycles]
+    body = BoxWorld((), (), drawn_walker(1), Start(0.0, 0.0, 0.0), 1).truth()
+    outcome = outcome_of(samples, (), body)
+    assert outcome.story == (LED_ON, WAITS, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES)
+    assert outcome.heeded
+    assert not outcome_of(samples[:3], (), body).heeded
+    for heeding in (
+        cycle(Action.WALK, Reason.OK, 1, offset_m=-0.3),
+        cycle(Action.TURN, Reason.OK, 1, turn=TurnKind.ASIDE),
+        cycle(Action.TURN, Reason.OK, 1, turn=TurnKind.LOOK),
+        cycle(Action.STOP, Reason.DROP_AHEAD, 1),
+    ):
+        assert outcome_of([Sample(heeding, np.zeros(2), Mode.GUIDING, None)], (), body).heeded
+    for other in (
+        cycle(Action.TURN, Reason.OK, 1, turn=TurnKind.ALONG, offset_m=0.3),
+        cycle(Action.TURN, Reason.POSE_LOST, 1, turn=TurnKind.LOOK),
+        cycle(Action.STOP, Reason.PAUSED, 1),
+    ):
+        assert not outcome_of([Sample(other, np.zeros(2), Mode.GUIDING, None)], (), body).heeded

@@ -8,19 +8,28 @@ leap.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from device_agent.cycle import Cycle
 from device_agent.simulation.walker import WalkerBody
 from device_agent.walk_measures import Sample
 from navcore.cues.table import Cue, CueKind
 from navcore.cues.texts import TEXTS
 from navcore.modes import ON_THE_WAY, Mode
-from navcore.types import Action, LocalizationQuality, Reason, TurnKind
+from navcore.types import Action, Guidance, LocalizationQuality, Reason, TurnKind
 
 _LONGEST_LEAP_M = 2.0
 """The closest point moves less between two cycles, however the walker walks."""
 _SENDING = frozenset({CueKind.WALK, CueKind.TICK, CueKind.STEER})
+_SOMETHING_AHEAD = frozenset(
+    {Reason.OBSTACLE_DEPTH, Reason.OBSTACLE_SONAR, Reason.DROP_AHEAD, Reason.NO_CANDIDATE}
+)  # fmt: skip
+_TOLD = ("way_blocked", "way_blocked_wait", "way_look_again", "way_anew", "sonar_lost")
+"""Texts (by their key) whose place in the order of things is noted."""
+WAITS, LED_ON, ANOTHER_WAY, ARRIVES = "waits", "walks", "another way", "arrives"
+"""What a walk is told by, besides these texts: kept from walking on by something ahead, led on, a new route, there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,10 +47,14 @@ class Expected:
     """At least one of them is."""
     says: tuple[str, ...] = ()
     """Each of these texts (by its key) is heard."""
-    never_says: tuple[str, ...] = (
-        "way_blocked", "way_blocked_wait", "way_look_again", "way_anew", "sonar_lost"
-    )  # fmt: skip
+    once: tuple[str, ...] = ()
+    """Each of them is heard once, and no more."""
+    never_says: tuple[str, ...] = _TOLD
     """None of them is, unless it is said above."""
+    in_order: tuple[str, ...] = ()
+    """Each of these happens after the one before it: one of the words of a walk, or a text by its key."""
+    heeds: bool = False
+    """The walker is stopped before what is in the way, or turned or led round it."""
     routes: int = 1
     """So many routes are walked by, one after the other."""
     ends: Reason | None = None
@@ -86,43 +99,55 @@ HARD_CASES = (
         "blocked for a while", "corridor blocked",
         "People stand across the corridor and walk on after some seconds.",
         "waits before them, is not sent another way, arrives",
-        Expected(stops_for_one_of=_SOMETHING_SEEN),
+        Expected(stops_for_one_of=_SOMETHING_SEEN, in_order=(WAITS, LED_ON, ARRIVES)),
     ),
     HardCase(
         "blocked, another way", "corridor blocked",
         "Something that stays stands across the corridor; another way leads round.",
         "waits, is told of the other way, arrives by it",
-        Expected(stops_for_one_of=_SOMETHING_SEEN, says=("way_blocked",), routes=2),
+        Expected(
+            stops_for_one_of=_SOMETHING_SEEN, says=("way_blocked",), routes=2,
+            in_order=(LED_ON, WAITS, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES),
+        ),
     ),
     HardCase(
         "blocked, no other way", "corridor blocked",
         "Something that stays stands across the only way.",
         "waits, is told that there is no other, stands",
-        Expected(False, stops_for_one_of=_SOMETHING_SEEN, says=("way_blocked_wait",), ends=Reason.OBSTACLE_DEPTH),
+        Expected(
+            False, stops_for_one_of=_SOMETHING_SEEN, says=("way_blocked_wait",), ends=Reason.OBSTACLE_DEPTH,
+            in_order=(LED_ON, WAITS, "way_blocked_wait", WAITS),
+        ),
     ),
     HardCase(
         "gone from the feet", "corridor blocked",
         "Something low lies across the only way; once the walker is so near that no image shows it, it is taken away.",
         "comes to a stand, is led back a little to look again, arrives",
-        Expected(turns=(TurnKind.AROUND,), says=("way_look_again",), routes=3),
+        Expected(
+            turns=(TurnKind.AROUND,), says=("way_look_again",), routes=3,
+            in_order=(WAITS, ANOTHER_WAY, "way_look_again", ANOTHER_WAY, LED_ON, ARRIVES),
+        ),
     ),
     HardCase(
         "person coming", "a person walking towards",
         "Somebody comes towards the walker on the middle of the road, stops before them, and later steps aside.",
         "stops before them or goes round, arrives",
-        Expected(),
+        Expected(heeds=True),
     ),
     HardCase(
         "door closing", "door closing",
         "A door closes when the walker is four steps before it, and is opened again after some seconds.",
         "stops before it, goes on when it is open, arrives",
-        Expected(stops_for_one_of=_SOMETHING_SEEN),
+        Expected(stops_for_one_of=_SOMETHING_SEEN, in_order=(LED_ON, WAITS, LED_ON, ARRIVES)),
     ),
     HardCase(
         "glass door", "glass door",
         "A closed door of glass: the depth camera looks through it. Another way leads round.",
         "the rangefinder stops the walker, who arrives by the other way",
-        Expected(stops=(Reason.OBSTACLE_SONAR,), says=("way_blocked",), routes=2),
+        Expected(
+            stops=(Reason.OBSTACLE_SONAR,), says=("way_blocked",), routes=2,
+            in_order=(LED_ON, WAITS, ANOTHER_WAY, "way_blocked", LED_ON, ARRIVES),
+        ),
     ),
     HardCase(
         "stairs down", "drop-offs and stairs down",
@@ -140,7 +165,7 @@ HARD_CASES = (
         "chair pulled out", "chair pulled out",
         "A chair is pulled out into the way when the walker is near.",
         "goes round it, arrives",
-        Expected(),
+        Expected(heeds=True),
     ),
     HardCase(
         "legs side by side", "junction where two legs run side by side",
@@ -158,7 +183,7 @@ HARD_CASES = (
         "sonar unplugged", "sonar unplugged",
         "Under way the ultrasonic rangefinder falls silent for good.",
         "is told so once, goes on by the depth camera, arrives",
-        Expected(says=("sonar_lost",)),
+        Expected(says=("sonar_lost",), once=("sonar_lost",), in_order=(LED_ON, "sonar_lost", LED_ON, ARRIVES)),
     ),
 )  # fmt: skip
 """Every case."""
@@ -187,11 +212,18 @@ class Outcome:
     """Cycles in which the walker was sent on though nobody knew where they were."""
     leap_m: float
     """Farthest that the place on the route moved between two cycles."""
+    heeded: bool = False
+    """Whether the walker was stopped before something, or turned or led round it."""
+    story: tuple[str, ...] = ()
+    """What happened, one after the other: words of a walk, and texts by their keys."""
 
     def said(self, key: str) -> bool:
         """Whether a text was heard, up to its first number."""
-        begin = TEXTS["en"][key].split("{")[0]
-        return any(text.startswith(begin) for text in self.texts)
+        return self.times_said(key) > 0
+
+    def times_said(self, key: str) -> int:
+        """Return how often a text was heard, up to its first number."""
+        return sum(_is_text(text, key) for text in self.texts)
 
 
 def outcome_of(samples: Sequence[Sample], cues: Sequence[Cue], body: WalkerBody, *, is_there: bool = True) -> Outcome:
@@ -217,6 +249,8 @@ def outcome_of(samples: Sequence[Sample], cues: Sequence[Cue], body: WalkerBody,
         seconds=led[-1].cycle.stamp_s - samples[0].cycle.stamp_s if led else 0.0,
         sent_while_lost=sent_while_lost,
         leap_m=_longest_leap_m(samples),
+        heeded=any(_heeds(guidance) for guidance in guidances),
+        story=_story([sample.cycle for sample in samples if sample.mode in (*ON_THE_WAY, Mode.ARRIVED)]),
     )
 
 
@@ -241,9 +275,55 @@ def differences(expected: Expected, outcome: Outcome) -> tuple[str, ...]:
     found += [(reason not in outcome.stopped_for, f"never stopped for {reason.value}") for reason in expected.stops]
     found += [(turn not in outcome.turned, f"never turned {turn.value}") for turn in expected.turns]
     found += [(not outcome.said(key), f"never said {key}") for key in expected.says]
+    found += [
+        (outcome.times_said(key) != 1, f"said {key} {outcome.times_said(key)} times") for key in expected.once
+    ]  # fmt: skip
+    found.append((expected.heeds and not outcome.heeded, "was neither stopped before it nor led round it"))
+    found.append((not _is_within(expected.in_order, outcome.story), f"not in order: {', '.join(expected.in_order)}"))
     unwanted = [key for key in expected.never_says if key not in expected.says]
     found += [(outcome.said(key), f"said {key}") for key in unwanted]
     return tuple(what for is_so, what in found if is_so)
+
+
+def _is_text(text: str, key: str) -> bool:
+    return text.startswith(TEXTS["en"][key].split("{")[0])
+
+
+def _waits(guidance: Guidance) -> bool:
+    """Whether something ahead keeps somebody from walking on: stopped, or turned to look, or to where it is free."""
+    if guidance.action is Action.STOP:
+        return guidance.reason in _SOMETHING_AHEAD
+    return guidance.trace.turn in (TurnKind.ASIDE, TurnKind.LOOK) and guidance.reason is not Reason.POSE_LOST
+
+
+def _heeds(guidance: Guidance) -> bool:
+    return _waits(guidance) or (guidance.action is Action.WALK and guidance.trace.offset_m != 0.0)
+
+
+def _story(cycles: Sequence[Cycle]) -> tuple[str, ...]:
+    """Return what happened, one after the other; what goes on is told once."""
+    told: list[str] = []
+    version: int | None = None
+    for cycle in cycles:
+        guidance = cycle.guidance
+        if guidance.trace.closest_index is not None:
+            if version not in (None, guidance.route_version):
+                told.append(ANOTHER_WAY)
+            version = guidance.route_version
+        if guidance.action is Action.WALK:
+            told.append(LED_ON)
+        elif _waits(guidance):
+            told.append(WAITS)
+        told += [key for key in _TOLD for cue in cycle.cues if _is_text(cue.text, key)]
+        if guidance.reason is Reason.ARRIVED:
+            told.append(ARRIVES)
+    return tuple(what for what, _ in itertools.groupby(told))
+
+
+def _is_within(wanted: Sequence[str], story: Sequence[str]) -> bool:
+    """Whether all that is wanted happened, in this order; other things may have happened between."""
+    rest = iter(story)
+    return all(each in rest for each in wanted)
 
 
 def _longest_leap_m(samples: Sequence[Sample]) -> float:

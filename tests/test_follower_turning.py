@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, relative_to, world_angle
-from navcore.follower.road_centred import expected_to, select_aim
+from navcore.follower.road_centred import expected_to, select_aim, stopping_distance_m
 from navcore.follower.sub_goal import closest_point, closest_point_anywhere
 from navcore.follower.turning import turn_to_route
 from navcore.settings import FollowerSettings
@@ -166,8 +166,8 @@ def test_what_was_lost_beyond_the_end_of_a_turn_is_not_in_its_way():
 
 
 def test_a_short_turn_is_made_the_short_way_whatever_was_lost():
-    for error_deg in (60.0, 89.5):
-        assert turn_to_route(rad(error_deg), None, None, rad(120.0))[1] == pytest.approx(rad(error_deg))
+    for error_deg, lost_deg in ((60.0, 120.0), (60.0, 30.0), (89.5, 120.0), (89.5, 30.0), (-89.5, -30.0)):
+        assert turn_to_route(rad(error_deg), None, None, rad(lost_deg))[1] == pytest.approx(rad(error_deg))
 
 
 @pytest.mark.parametrize("speed_m_s", [0.0, 0.4, 0.7, 1.1])
@@ -209,3 +209,15 @@ def test_who_cuts_a_corner_is_not_led_beyond_the_next_one():
     assert goal.passed_index > index
     expected = expected_to(route, goal, index, here, 0.7, settings_)
     assert -math.radians(25.0) < relative_to(expected, here.heading) <= 0.0
+
+
+def test_who_cuts_the_last_corner_is_led_to_the_destination_and_not_beyond_it():
+    route = route_along((0, 0), (10, 0), (10, 1.2))
+    here, settings_ = pose(9.7, 0.25, 88.0), FollowerSettings()
+    index, _ = closest_point(route, here, 95, WINDOW_M)
+    goal = select_aim(route, index, 0.4, SubGoal(0.0, 0.0, SubGoalCase.STRAIGHT, 0, 100), settings_)
+    assert goal.passed_index > index
+    on_m = stopping_distance_m(0.4, settings_.reaction_s)
+    x_m, y_m = 9.7 + on_m * math.cos(math.radians(88.0)), 0.25 + on_m * math.sin(math.radians(88.0))
+    expected = expected_to(route, goal, index, here, 0.4, settings_)
+    assert expected == pytest.approx(math.atan2(1.2 - y_m, 10.0 - x_m), abs=0.02)

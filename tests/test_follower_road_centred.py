@@ -445,7 +445,7 @@ def test_an_aim_lies_ahead_and_a_corner_holds_only_who_can_come_to_a_stand_befor
 
 
 @settings(deadline=None)
-@given(which=st.sampled_from(sorted(CORNERS_OF)), speed_m_s=st.floats(0.0, 0.9))
+@given(which=st.sampled_from(sorted(CORNERS_OF)), speed_m_s=st.floats(0.0, 1.4))
 def test_along_the_road_aims_and_corners_passed_only_go_on(which: int, speed_m_s: float) -> None:
     route, goal, goals = ROADS[which], None, []
     for here in range(len(route.points_m)):

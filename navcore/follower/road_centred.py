@@ -103,17 +103,27 @@ def select_aim(
     at_m = float(arcs[closest_index])
     ahead_m, needed_m = look_ahead_m(speed_m_s, settings), stopping_distance_m(speed_m_s, settings.reaction_s)
     passed = 0 if previous is None else previous.passed_index
-    until_m = at_m + max(ahead_m, needed_m) + _ARM_M
-    corner = next_corner(route, _behind(route, passed, closest_index), until_m, settings)
+    corner = _upcoming(route, passed, closest_index, max(ahead_m, needed_m), settings)
     while corner is not None and _arc(route, corner) - at_m <= max(needed_m, settings.corner_reached_m):
         passed = corner.route_index
-        corner = next_corner(route, _behind(route, passed, closest_index), until_m, settings)
+        corner = _upcoming(route, passed, closest_index, max(ahead_m, needed_m), settings)
     start_m = max(at_m, float(arcs[passed]))
     if corner is not None and _arc(route, corner) < start_m + ahead_m:
         return _goal(route, corner.route_index, SubGoalCase.TURNING_POINT, passed)
     last = len(arcs) - 1
     index = min(int(np.searchsorted(arcs, start_m + ahead_m)), last)
     return _goal(route, index, SubGoalCase.DESTINATION if index == last else SubGoalCase.STRAIGHT, passed)
+
+
+def _upcoming(
+    route: Route, passed: int, closest_index: int, within_m: float, settings: FollowerSettings
+) -> Corner | None:
+    """Return the next corner that an aim may meet: it is measured from the corner that was passed last, and so is this.
+
+    The other end of a corner is looked at as well, or its middle would be taken for farther forward.
+    """
+    start_m = max(float(route.arc_length_m[closest_index]), float(route.arc_length_m[passed]))
+    return next_corner(route, _behind(route, passed, closest_index), start_m + within_m + _ARM_M, settings)
 
 
 def straight_until(route: Route, closest_index: int, goal: SubGoal, settings: FollowerSettings) -> int:

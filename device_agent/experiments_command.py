@@ -24,7 +24,7 @@ def add_commands(subparsers: argparse._SubParsersAction[argparse.ArgumentParser]
         " takes about ten seconds; what is done is kept, and a batch that is stopped goes on where it was.",
     )
     parser.add_argument("--seeds", type=_count, default=20, metavar="N", help="walkers (default: %(default)s)")
-    parser.add_argument("--first-seed", type=int, default=None, metavar="N", help="seed of the first (default: 12000)")
+    parser.add_argument("--first-seed", type=int, default=None, metavar="N", help="seed of the first (default: 12100)")
     parser.add_argument("--out", type=Path, required=True, metavar="DIR", help="where table, pictures and walks go")
     parser.add_argument("--jobs", type=_count, default=None, metavar="N", help="walks at a time (default: one a core)")
     parser.add_argument("--policy", choices=("paper", "road_centred"), help="only this policy")

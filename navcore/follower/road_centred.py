@@ -103,10 +103,11 @@ def select_aim(
     at_m = float(arcs[closest_index])
     ahead_m, needed_m = look_ahead_m(speed_m_s, settings), stopping_distance_m(speed_m_s, settings.reaction_s)
     passed = 0 if previous is None else previous.passed_index
-    corner = _upcoming(route, passed, closest_index, max(ahead_m, needed_m), settings)
+    within_m = max(ahead_m, needed_m)
+    corner = _upcoming(route, passed, closest_index, within_m, settings)
     while corner is not None and _arc(route, corner) - at_m <= max(needed_m, settings.corner_reached_m):
         passed = corner.route_index
-        corner = _upcoming(route, passed, closest_index, max(ahead_m, needed_m), settings)
+        corner = _upcoming(route, passed, closest_index, within_m, settings)
     start_m = max(at_m, float(arcs[passed]))
     if corner is not None and _arc(route, corner) < start_m + ahead_m:
         return _goal(route, corner.route_index, SubGoalCase.TURNING_POINT, passed)

@@ -116,7 +116,7 @@ def sliding_door() -> Actor:
 
 
 def pulled_chair() -> Actor:
-    return thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.35), cue_m=(5.0, 0.0, 3.2))
+    return thing(solid(0.25, 0.25, 1.0), Mark(0.0, 5.0, 0.95), Mark(0.8, 5.0, 0.2), cue_m=(5.0, 0.0, 3.2))
 
 
 def low_board() -> Actor:

@@ -387,7 +387,7 @@ def test_walks_go_to_the_console_by_themselves_once_and_stay_on_the_device(
     there = {stored.entry.offer.name: stored for stored in server.services.recordings.all()}
     assert set(there) == {whole.stem, cut.stem}
     assert all(stored.complete and stored.entry.offer.kind == "walk" for stored in there.values())
-    assert there[whole.stem].entry.offer.date == "2026-11-30"
+    assert there[whole.stem].entry.offer.date == "2026-12-01"
     assert there[whole.stem].file.read_bytes() == walk
     assert WalkQueue(folder, lambda: True, lambda: written).waiting() == (), (
         "nothing is sent twice, at no later start either"

@@ -113,8 +113,8 @@ def test_far_pictures_do_not_flicker() -> None:
 
 
 def test_an_unknown_texture_is_named() -> None:
-    with pytest.raises(InputError, match="velvet"):
-        Renderer((floor_quad(0, 0, 1, 1, 0.0, "velvet/#ffffff"),))
+    with pytest.raises(InputError, match="moss"):
+        Renderer((floor_quad(0, 0, 1, 1, 0.0, "moss/#ffffff"),))
 
 
 def test_a_walking_figure_keeps_its_limbs_and_moves_its_legs() -> None:

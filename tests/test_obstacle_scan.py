@@ -231,12 +231,13 @@ def test_the_real_cabinet_is_found_and_its_bare_floor_is_free(fr3_cabinet: Path,
     import obstacle_cabinet
 
     for by_pose in (True, False):
-        figures = obstacle_cabinet.evaluate(fr3_cabinet, by_pose)
+        figures = obstacle_cabinet.summary(obstacle_cabinet.judged(fr3_cabinet, by_pose))
         assert figures["frames_found"] == figures["frames_with_box"] > 50
         assert figures["bearing_recall"] > 0.97
         assert figures["bearing_precision"] > 0.97
-        assert figures["distance_error_median_m"] < 0.03
-        assert figures["bearing_error_median_deg"] < 1.5
+        assert figures["distance_error_of_a_frame_m"]["median"] < 0.03
+        assert figures["distance_error_of_a_bearing_m"]["p95"] < 0.1
+        assert figures["bearing_error_of_an_edge_deg"]["median"] < 1.5
         assert figures["floor_bearings"] > 1000
         assert figures["false_floor_bearings"] == 0
 

@@ -13,12 +13,12 @@ from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 from navcore.angles import relative_angle, world_angle
-from navcore.cues.bus import CueBus, play
+from navcore.cues.bus import PAUSE_S, CueBus, play
 from navcore.cues.memory import CueMemory
 from navcore.cues.speech import cues_for, message_cue, repeat_last, say
 from navcore.cues.synthesis import beep_cue, beep_interval_s, steer_cue, stop_cue, tick_cue, tone_samples
 from navcore.cues.table import PRIORITY, Cue, CueKind, CuePriority
-from navcore.cues.texts import STOP_TEXTS, TEXTS
+from navcore.cues.texts import STOP_TEXTS, TEXTS, Language, speech_duration_s
 from navcore.settings import Settings
 from navcore.types import Action, DecisionTrace, Guidance, Reason, RouteStop, SonarState
 
@@ -187,6 +187,29 @@ def test_nothing_lower_cuts_off_something_higher(sequence):
         played, bus = play(bus, [Cue(now_s, cue.kind, cue.priority, cue.text)], now_s, "en", lambda _: True)
         assert all(each.priority >= before for each in played)
         assert len({each.priority for each in bus.waiting}) == len(bus.waiting)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_of_a_message_that_is_cut_off_what_was_heard_is_not_said_again(language: Language):
+    """Each turn on the spot cuts it off; with none of them is "The way is blocked" heard anew."""
+    text = TEXTS[language]["way_blocked"].format(metres=23)
+    first = text[: text.index("." if language == "en" else "。") + 1]
+    heard_s = 1.4 * (speech_duration_s(first, language) + PAUSE_S)
+    for cut_s, rest in ((heard_s - 0.1, text), (heard_s + 0.1, text.removeprefix(first).strip())):
+        _, bus = play(CueBus(), [message_cue(0.0, text)], 0.0, language, lambda _: True)
+        _, bus = play(bus, [stop_cue(cut_s, Reason.PAUSED)], cut_s, language, lambda _: True)
+        (again,), bus = play(bus, [], cut_s + 5.0, language, lambda _: True)
+        assert again.text == rest
+        _, bus = play(bus, [stop_cue(cut_s + 5.1, Reason.PAUSED)], cut_s + 5.1, language, lambda _: True)
+        (once_more,), _ = play(bus, [], cut_s + 10.0, language, lambda _: True)
+        assert once_more.text == rest, "nothing is lost"
+
+
+def test_an_instruction_that_is_asked_for_again_is_told_whole():
+    whole = replace(message_cue(0.0, "Turn right. 45 degrees."), repeats=CueKind.TURN)
+    _, bus = play(CueBus(), [whole], 0.0, "en", lambda _: True)
+    _, bus = play(bus, [stop_cue(1.9, Reason.PAUSED)], 1.9, "en", lambda _: True)
+    assert play(bus, [], 5.5, "en", lambda _: True)[0] == (whole,)
 
 
 def test_an_interrupted_sentence_is_said_again_only_if_it_still_holds():

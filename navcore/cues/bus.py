@@ -1,14 +1,16 @@
 """One voice for all cues: what is heard now, what waits, what is dropped. A pure state machine.
 
-A higher priority cuts a lower one off; an instruction that was cut off is said again if it still holds; at the same
-level the newest is kept. Tones are short and come again by themselves: they never wait, and they do not cut into
-words, except that a steering tone cuts off announcements, which can wait, and answers, which can be asked for again.
+A higher priority cuts a lower one off. An instruction that was cut off is said again if it still holds; a message from
+its first sentence on that was not heard to its end. At the same level the newest is kept. Tones are short and come
+again by themselves: they never wait, and they do not cut into words, except that a steering tone cuts off
+announcements, which can wait, and answers, which can be asked for again.
 """
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from navcore.cues.table import ASIDES, Cue, CueKind, CuePriority
 from navcore.cues.texts import Language, speech_duration_s
@@ -17,6 +19,9 @@ _WAITS_AT_MOST_S = 4.0
 _MESSAGE_WAITS_AT_MOST_S = 20.0
 """What is told once ("Another way", somebody at the console) is not lost behind a few turns on the spot."""
 _PATIENT = frozenset({CueKind.MESSAGE, CueKind.MAP_NEWS})
+_SENTENCE_END = re.compile(r"[.!?]\s+|[。\uff01\uff1f]")
+_HEARD_FACTOR = 1.4
+"""A sentence takes up to so many times as long as is reckoned, by the voice; until then it was not heard for sure."""
 PAUSE_S = 0.1
 """Silence between two sentences."""
 
@@ -63,7 +68,7 @@ def play(
     if tone is None:
         return (), CueBus(bus.speaking, bus.until_s, tuple(waiting.values()), bus.repeatable)
     if speaking is not None:
-        waiting.setdefault(speaking.priority, speaking)
+        waiting.setdefault(speaking.priority, _not_heard(speaking, bus, now_s, language))
     return (tone,), CueBus(bus.speaking, min(bus.until_s, now_s), tuple(waiting.values()), bus.repeatable)
 
 
@@ -77,10 +82,28 @@ def _begin(
 ) -> tuple[tuple[Cue, ...], CueBus]:
     rest = {priority: cue for priority, cue in waiting.items() if cue is not chosen}
     if speaking is not None and speaking.priority < chosen.priority:
-        rest.setdefault(speaking.priority, speaking)
-    until_s = now_s + chosen.duration_s + speech_duration_s(chosen.text, language) + PAUSE_S
+        rest.setdefault(speaking.priority, _not_heard(speaking, bus, now_s, language))
+    until_s = now_s + _takes_s(chosen, chosen.text, language)
     repeatable = bus.repeatable if chosen.kind in ASIDES else chosen
     return (chosen,), CueBus(chosen, until_s, tuple(rest.values()), repeatable)
+
+
+def _takes_s(cue: Cue, text: str, language: Language) -> float:
+    return cue.duration_s + speech_duration_s(text, language) + PAUSE_S
+
+
+def _not_heard(speaking: Cue, bus: CueBus, now_s: float, language: Language) -> Cue:
+    """Return what is to be said again of a cue that is cut off now.
+
+    Of a message the sentences that were heard are not said again: "The way is blocked" would be heard with each of a
+    few turns. An instruction is told whole, for half of one could be another.
+    """
+    if speaking.kind not in _PATIENT or speaking.repeats is not None:
+        return speaking
+    said_s = now_s - (bus.until_s - _takes_s(speaking, speaking.text, language))
+    ends = [match.end() for match in _SENTENCE_END.finditer(speaking.text) if match.end() < len(speaking.text)]
+    heard = [end for end in ends if _HEARD_FACTOR * _takes_s(speaking, speaking.text[:end], language) <= said_s]
+    return replace(speaking, text=speaking.text[heard[-1] :]) if heard else speaking
 
 
 def _cuts_off(cue: Cue, speaking: Cue) -> bool:
